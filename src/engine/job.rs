@@ -1,0 +1,142 @@
+//! What a stage sees while it runs: its inputs, its files, its seed, and whether to stop.
+//!
+//! A job is self-contained: a stage touches nothing else.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use super::artifact::AnyArtifact;
+use super::coordinate::Scalar;
+use super::parameter::{Accepts, InputFile, Port, Ports, Seed};
+use super::stage::StageError;
+
+/// One artifact on a port, with what a collecting kind may say of it.
+pub struct Input {
+    /// Name of the stage it comes from, with `.result` for a further result.
+    pub label: String,
+    /// Its axes that were collapsed, and the fields of map-valued ones as `axis.field`, in order.
+    pub columns: Vec<(String, Scalar)>,
+    /// The value, or the way to it.
+    pub source: Box<dyn Fetch>,
+}
+
+/// Gives an artifact when it is asked for, so that a job over many need not hold them all.
+pub trait Fetch: Send + Sync {
+    /// The artifact; reads it from the store where it is not in memory.
+    fn fetch(&self) -> Result<AnyArtifact, StageError>;
+}
+
+impl Fetch for AnyArtifact {
+    fn fetch(&self) -> Result<AnyArtifact, StageError> {
+        Ok(self.clone())
+    }
+}
+
+/// The bytes of input files, each read once and checked against the digest that is in the key.
+pub trait FileSource: Send + Sync {
+    /// All bytes of the file.
+    fn read(&self, path: &Path) -> Result<Vec<u8>, StageError>;
+}
+
+/// One execution of a stage at one coordinate.
+pub struct Job<'a> {
+    inputs: BTreeMap<String, Vec<Input>>,
+    files: &'a dyn FileSource,
+    seed: u64,
+    interrupted: &'a AtomicBool,
+    progress: AtomicU32,
+    warnings: Mutex<Vec<String>>,
+}
+
+impl<'a> Job<'a> {
+    /// A job over these inputs, by the text of the references that name them.
+    ///
+    /// `seed` is the pipeline's, for stages that set none.
+    pub fn new(inputs: BTreeMap<String, Vec<Input>>, files: &'a dyn FileSource, seed: u64, interrupted: &'a AtomicBool) -> Self {
+        Self { inputs, files, seed, interrupted, progress: AtomicU32::new(0), warnings: Mutex::default() }
+    }
+
+    /// What stands on a port.
+    pub fn input<T: Accepts>(&self, port: &Port<T>) -> Result<T::Value, StageError> {
+        let input = self.inputs_named(port.reference()).first().expect("the plan gives each port its input");
+        taken::<T>(input.source.fetch()?)
+    }
+
+    /// What stands on a port that may be absent.
+    pub fn optional_input<T: Accepts>(&self, port: &Option<Port<T>>) -> Result<Option<T::Value>, StageError> {
+        port.as_ref().map(|port| self.input(port)).transpose()
+    }
+
+    /// How many artifacts a collecting port has.
+    pub fn collected_count<T>(&self, ports: &Ports<T>) -> usize {
+        ports.references().iter().map(|reference| self.inputs_named(reference).len()).sum()
+    }
+
+    /// The artifacts of a collecting port, one after the other, each fetched when the iterator reaches it.
+    pub fn collected<'j, T: Accepts>(
+        &'j self,
+        ports: &'j Ports<T>,
+    ) -> impl Iterator<Item = Result<Collected<'j, T::Value>, StageError>> + 'j {
+        ports.references().iter().flat_map(|reference| self.inputs_named(reference)).map(|input| {
+            let value = taken::<T>(input.source.fetch()?)?;
+            Ok(Collected { label: &input.label, columns: &input.columns, value })
+        })
+    }
+
+    /// All bytes of an input file.
+    pub fn read(&self, file: &InputFile) -> Result<Vec<u8>, StageError> {
+        self.files.read(&file.0)
+    }
+
+    /// The seed to draw with.
+    pub fn seed(&self, seed: Seed) -> u64 {
+        seed.0.unwrap_or(self.seed)
+    }
+
+    /// Asked at least every 50 ms: an error once the run is to stop.
+    pub fn check(&self) -> Result<(), StageError> {
+        if self.interrupted.load(Ordering::Relaxed) { Err(StageError::Interrupted) } else { Ok(()) }
+    }
+
+    /// Says how far the job is, from 0 to 1.
+    pub fn report_progress(&self, fraction: f32) {
+        self.progress.store((fraction.clamp(0.0, 1.0) * 1000.0) as u32, Ordering::Relaxed);
+    }
+
+    /// How far the job said it is, in thousandths.
+    pub fn progress_permille(&self) -> u32 {
+        self.progress.load(Ordering::Relaxed)
+    }
+
+    /// Notes something for the reader of the manifest. Must not depend on threads or time.
+    pub fn warn(&self, message: impl Into<String>) {
+        self.warnings.lock().expect("no one panics while noting a warning").push(message.into());
+    }
+
+    /// Takes the warnings out.
+    pub fn take_warnings(&self) -> Vec<String> {
+        std::mem::take(&mut *self.warnings.lock().expect("no one panics while noting a warning"))
+    }
+
+    fn inputs_named(&self, reference: &str) -> &[Input] {
+        self.inputs.get(reference).map(Vec::as_slice).unwrap_or_default()
+    }
+}
+
+fn taken<T: Accepts>(artifact: AnyArtifact) -> Result<T::Value, StageError> {
+    let found = artifact.type_name();
+    // A record that was swapped with another object of the store shows itself here at the latest.
+    T::take(artifact).ok_or_else(|| StageError::content(format!("expected {}, found `{found}`", T::TYPES.join(" or "))))
+}
+
+/// One artifact of a collecting port.
+pub struct Collected<'a, T> {
+    /// Name of the stage it comes from.
+    pub label: &'a str,
+    /// Its collapsed axes and their fields.
+    pub columns: &'a [(String, Scalar)],
+    /// The value.
+    pub value: T,
+}

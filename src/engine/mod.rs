@@ -1,0 +1,22 @@
+//! The engine: text → document → sweep → graph → freshness → run record. Knows no light.
+//!
+//! Reading order: `stage` (what a kind must offer), `artifact` (what flows), `job` (what a stage sees),
+//! `registry` (the tables), then the path of a run.
+
+pub mod artifact;
+pub mod coordinate;
+pub mod diagnostic;
+pub mod document;
+pub mod events;
+pub mod freshness;
+pub mod graph;
+pub mod job;
+pub mod manifest;
+pub mod parameter;
+pub mod publish;
+pub mod reference;
+pub mod registry;
+pub mod schedule;
+pub mod stage;
+pub mod store;
+pub mod sweep;

@@ -1,0 +1,83 @@
+//! The tables of a program: its stage kinds and its artifact types.
+
+use schemars::generate::SchemaSettings;
+use serde_json::Value as Json;
+
+use super::artifact::{Artifact, ArtifactKind};
+use super::stage::{AnyStage, ResultDeclaration, Stage};
+use crate::catalogue::Catalogue;
+
+/// One row of the table of kinds.
+pub struct Kind {
+    /// Its key in the pipeline file.
+    pub name: &'static str,
+    /// Version of its results.
+    pub version: u32,
+    /// Its results, the first one first.
+    pub results: &'static [ResultDeclaration],
+    /// JSON Schema (draft-07) of its parameters, with references resolved by `definitions`.
+    pub schema: Json,
+    parse: fn(serde_yaml::Value) -> Result<Box<dyn AnyStage>, ParseError>,
+}
+
+impl Kind {
+    /// The row of kind `T`.
+    pub fn of<T: Stage>() -> Self {
+        let schema = SchemaSettings::draft07().into_generator().into_root_schema_for::<T>();
+        Self { name: T::KIND, version: T::VERSION, results: T::RESULTS, schema: schema.into(), parse: parse::<T> }
+    }
+
+    /// Reads a parameter block.
+    pub fn parse(&self, parameters: serde_yaml::Value) -> Result<Box<dyn AnyStage>, ParseError> {
+        (self.parse)(parameters)
+    }
+}
+
+/// A parameter block that serde refuses.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct ParseError {
+    /// Path of the field from the block's root, as serde_path_to_error writes it: `a.b[2]`.
+    pub path: String,
+    /// What is wrong.
+    pub message: String,
+}
+
+fn parse<T: Stage>(parameters: serde_yaml::Value) -> Result<Box<dyn AnyStage>, ParseError> {
+    serde_path_to_error::deserialize::<_, T>(parameters)
+        .map(|stage| Box::new(stage) as Box<dyn AnyStage>)
+        .map_err(|error| ParseError { path: error.path().to_string(), message: error.inner().to_string() })
+}
+
+/// All kinds and all artifact types of a program.
+#[derive(Default)]
+pub struct Registry {
+    kinds: Catalogue<Kind>,
+    artifacts: Catalogue<ArtifactKind>,
+}
+
+impl Registry {
+    /// Adds a stage kind.
+    #[must_use]
+    pub fn with<T: Stage>(mut self) -> Self {
+        self.kinds.add(T::KIND, Kind::of::<T>());
+        self
+    }
+
+    /// Adds an artifact type.
+    #[must_use]
+    pub fn with_artifact<T: Artifact>(mut self) -> Self {
+        self.artifacts.add(T::TYPE, ArtifactKind::of::<T>());
+        self
+    }
+
+    /// The stage kinds.
+    pub fn kinds(&self) -> &Catalogue<Kind> {
+        &self.kinds
+    }
+
+    /// The artifact types.
+    pub fn artifacts(&self) -> &Catalogue<ArtifactKind> {
+        &self.artifacts
+    }
+}

@@ -1,0 +1,1 @@
+//! Luminance, sRGB, named colors.

@@ -1,0 +1,1 @@
+//! Blocks and outlines painted on rasters.

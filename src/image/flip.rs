@@ -1,0 +1,1 @@
+//! FLIP and HDR-FLIP.

@@ -1,0 +1,11 @@
+//! Pixels: rasters, color, filters, tone curves, metrics, drawing.
+//!
+//! Knows no file and no light. Reading order: `raster`, then what acts on it.
+
+pub mod color;
+pub mod drawing;
+pub mod filter;
+pub mod flip;
+pub mod metrics;
+pub mod raster;
+pub mod tone;

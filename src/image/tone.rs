@@ -1,0 +1,1 @@
+//! Tone curves and display encodings.

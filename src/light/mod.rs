@@ -1,0 +1,15 @@
+//! The mathematics of light: environment maps, sampling, cuts, relighting, Fresnel.
+//!
+//! No files, no clock, no terminal. Reading order: `envmap`, `distribution`, `sampling`, `median_cut`,
+//! `relight`, `fresnel`, `synthesis`.
+
+pub mod distribution;
+pub mod envmap;
+pub mod fresnel;
+pub mod harmonics;
+pub mod lights;
+pub mod median_cut;
+pub mod relight;
+pub mod samples;
+pub mod sampling;
+pub mod synthesis;

@@ -1,0 +1,1 @@
+//! Relighting a sphere.

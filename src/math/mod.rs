@@ -1,0 +1,8 @@
+//! Numbers only: elementary functions, directions on the sphere, random streams, statistics.
+//!
+//! Knows no image, no file and no clock. Reading order: `elementary`, `sphere`, `stream`, `statistics`.
+
+pub mod elementary;
+pub mod sphere;
+pub mod statistics;
+pub mod stream;

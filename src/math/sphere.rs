@@ -1,0 +1,1 @@
+//! Warps of the unit square to directions, each beside its density.

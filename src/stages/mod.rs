@@ -1,0 +1,28 @@
+//! One file per stage kind; the only room that knows both the engine and the domain.
+//!
+//! A kind's struct is its parameter block and its manual. `artifacts` gives the domain's types their
+//! canonical bytes. Adding a kind is one file here and one row in `registry`.
+
+pub mod artifacts;
+pub mod average;
+pub mod compare;
+pub mod distribution;
+pub mod fresnel;
+pub mod grid;
+pub mod load;
+pub mod mark;
+pub mod median_cut;
+pub mod plot;
+pub mod profile;
+pub mod relight;
+pub mod sample;
+pub mod synthesize;
+pub mod table;
+pub mod tone_map;
+
+use crate::engine::registry::Registry;
+
+/// All kinds and artifact types of the program.
+pub fn registry() -> Registry {
+    Registry::default()
+}
