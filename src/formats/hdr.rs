@@ -27,6 +27,9 @@ const LONGEST_HEADER: usize = 1 << 16;
 /// Widths that the run lengths of one channel after the other can have.
 const CHANNEL_RUN_WIDTHS: std::ops::RangeInclusive<usize> = 8..=32_767;
 
+/// The largest value there is: 255 * 2^119.
+const LARGEST: f64 = 255.0 * f64::from_bits((1023 + 119) << 52);
+
 type Rgbe = [u8; 4];
 
 /// Reads a Radiance picture.
@@ -55,10 +58,11 @@ pub fn write(image: &Image, _: &[Entry<'_>]) -> Result<Encoded, FormatError> {
         let line: Vec<Rgbe> = color.row(y).iter().map(|pixel| shared_exponent(*pixel)).collect();
         write_line(&line, &mut bytes);
     }
-    let lost = color.pixels().iter().filter(|pixel| pixel.iter().any(|value| !value.is_finite() || *value < 0.0)).count();
+    let is_lost = |value: &f32| !(0.0..=LARGEST).contains(&f64::from(*value));
+    let lost = color.pixels().iter().filter(|pixel| pixel.iter().any(is_lost)).count();
     let mut warnings = super::layers_left_out(image, TITLE);
     if lost > 0 {
-        warnings.push(format!("{lost} pixels are negative or not finite, which {TITLE} cannot hold: they were clipped"));
+        warnings.push(format!("{lost} pixels are negative, not finite or over 1.7e38, which {TITLE} cannot hold: they were clipped"));
     }
     Ok((bytes, warnings))
 }
@@ -398,9 +402,7 @@ fn read_pixel_runs(input: &mut Input<'_>, line: &mut [Rgbe]) -> Result<(), Fault
 
 /// Common exponent and mantissas of a pixel, to the nearest; the largest mantissa is at least 128.
 fn shared_exponent(pixel: [f32; 3]) -> Rgbe {
-    // The largest value there is; infinities become it.
-    let largest = 255.0 * f64::from_bits((1023 + 119) << 52);
-    let [r, g, b] = pixel.map(|value| if value > 0.0 { f64::from(value).min(largest) } else { 0.0 });
+    let [r, g, b] = pixel.map(|value| if value > 0.0 { f64::from(value).min(LARGEST) } else { 0.0 });
     let brightest = r.max(g).max(b);
     // The exponent for which brightest / 2^(e - 128) lies in [0.5, 1): its own, one higher.
     let mut exponent = (brightest.to_bits() >> 52) as i32 - 1022 + 128;
@@ -495,7 +497,7 @@ mod tests {
 
     #[test]
     fn written_values_are_the_nearest_that_the_format_has() {
-        for value in [1.0f32, 0.999, 255.0, 255.4, 255.6, 511.0, 0.1, 3e-38, 1e30, f32::MAX, 1.0 / 3.0] {
+        for value in [1.0f32, 0.999, 255.0, 255.4, 255.6, 511.0, 0.1, 3e-38, 1e30, 1.0 / 3.0] {
             let image = Image::opaque(Raster::filled(1, 1, [value, value * 0.4, 0.0]));
             let read_back = color(&write(&image, &[]).unwrap().0).pixel(0, 0);
             // Half a unit of a mantissa that is at least 128.
@@ -523,7 +525,7 @@ mod tests {
         let picture = color(&bytes);
         assert_eq!(picture.row(0)[0], [0.0, 0.5, 0.0]);
         assert_eq!(picture.row(0)[1], [0.0, 1.0, 1.0]);
-        assert_eq!(picture.row(0)[2][0], (255.0 * f64::from_bits((1023 + 119) << 52)) as f32);
+        assert_eq!(picture.row(0)[2][0], LARGEST as f32);
     }
 
     #[test]
