@@ -6,6 +6,7 @@
 pub mod artifacts;
 pub mod average;
 pub mod compare;
+pub mod conversion;
 pub mod distribution;
 pub mod fresnel;
 pub mod grid;
@@ -21,8 +22,14 @@ pub mod table;
 pub mod tone_map;
 
 use crate::engine::registry::Registry;
+use crate::image::raster::{Image, Picture};
+use crate::light::envmap::EnvMap;
 
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
     Registry::default()
+        .with::<load::Load>()
+        .with_artifact::<Image>()
+        .with_artifact::<Picture>()
+        .with_artifact::<EnvMap>()
 }
