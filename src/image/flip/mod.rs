@@ -52,15 +52,19 @@ impl ExposureRange {
     /// where its median does, in steps of about one stop.
     ///
     /// With x the input that the curve takes to 0.85: log2(x / greatest luminance) to log2(x / median
-    /// luminance), and max(2, ceil(stop - start)) exposures. `luminances` may have any order; of an even number of them the median is the
-    /// upper of the two in the middle, and 2^-23 stands for anything darker.
+    /// luminance). `luminances` may have any order and are reordered; of an even number of them the median
+    /// is the upper of the two in the middle, and 2^-23 stands for anything darker.
     pub fn of_luminances(luminances: &mut [f32]) -> Self {
         let shoulder = shoulder_of_tone_curve();
         let stops_to_shoulder = |luminance: f32| elementary::log2(shoulder / f64::from(luminance.max(f32::EPSILON)));
         let greatest = luminances.iter().copied().fold(0.0, f32::max);
         let middle = luminances.len() / 2;
         let median = if luminances.is_empty() { 0.0 } else { *luminances.select_nth_unstable_by(middle, f32::total_cmp).1 };
-        let (start_stops, stop_stops) = (stops_to_shoulder(greatest), stops_to_shoulder(median));
+        Self::one_per_stop(stops_to_shoulder(greatest), stops_to_shoulder(median))
+    }
+
+    /// Exposures between these, both included, about one stop apart: max(2, ceil(stop - start)) of them.
+    pub fn one_per_stop(start_stops: f64, stop_stops: f64) -> Self {
         Self { start_stops, stop_stops, count: ((stop_stops - start_stops).ceil() as usize).max(2) }
     }
 
@@ -231,4 +235,180 @@ fn hunt_lab(color: [f32; 3]) -> [f32; 3] {
 fn hyab(one: [f32; 3], other: [f32; 3]) -> f32 {
     let [lightness, a, b]: [f32; 3] = std::array::from_fn(|channel| one[channel] - other[channel]);
     lightness.abs() + (a * a + b * b).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::convert::Infallible;
+
+    fn checked() -> Result<(), Infallible> {
+        Ok(())
+    }
+
+    fn flip_of(reference: &Raster, test: &Raster, pixels_per_degree: f64) -> Plane {
+        flip(reference, test, pixels_per_degree, checked).unwrap()
+    }
+
+    fn mean(plane: &Plane) -> f64 {
+        plane.values.iter().copied().map(f64::from).sum::<f64>() / plane.values.len() as f64
+    }
+
+    fn constant_error(reference: [f32; 3], test: [f32; 3]) -> f32 {
+        let error = flip_of(&Raster::filled(5, 4, reference), &Raster::filled(5, 4, test), 67.0);
+        assert!(error.values.iter().all(|v| (v - error.values[0]).abs() < 1e-6), "the error of constants is constant");
+        error.values[0]
+    }
+
+    /// A slow ramp in each channel under a fine pattern of period `modulus`, made of exact small integers.
+    fn patterned(a: usize, b: usize, c: usize, modulus: usize) -> Raster {
+        let (width, height) = (53, 37);
+        let pixel = |index: usize| {
+            let (x, y) = (index % width, index / width);
+            let ramps = [x as f64 / 52.0, y as f64 / 36.0, (x + y) as f64 / 88.0];
+            std::array::from_fn(|channel| {
+                let pattern = ((x * a + y * b + x * y * c + channel * 5) % modulus) as f64 / (modulus - 1) as f64;
+                (0.75 * ramps[channel] + 0.25 * pattern) as f32
+            })
+        };
+        Raster::new(width, height, (0..width * height).map(pixel).collect())
+    }
+
+    fn patterned_pair() -> [Raster; 2] {
+        [patterned(7, 13, 3, 32), patterned(5, 11, 2, 27)]
+    }
+
+    /// The fourth power, twenty times as bright: some stops between shadows and lights.
+    fn stretched(raster: &Raster) -> Raster {
+        let stretch = |v: f32| 20.0 * (v * v) * (v * v);
+        Raster::new(raster.width(), raster.height(), raster.pixels().iter().map(|color| color.map(stretch)).collect())
+    }
+
+    /// Golden: means and the pixels (0, 0), (26, 18), (52, 36) and (5, 30) of the authors' flip-evaluator 1.7.
+    fn assert_agrees(plane: &Plane, golden_mean: f64, golden_pixels: [f32; 4]) {
+        // Both compute in f32, in another order; FLIP's powers below one magnify small differences.
+        assert!((mean(plane) / golden_mean - 1.0).abs() < 1e-5, "{} for {golden_mean}", mean(plane));
+        for ((x, y), golden) in [(0, 0), (26, 18), (52, 36), (5, 30)].into_iter().zip(golden_pixels) {
+            let found = plane.values[y * plane.width + x];
+            assert!((found - golden).abs() < 2e-5, "({x}, {y}): {found} for {golden}");
+        }
+    }
+
+    #[test]
+    fn flip_agrees_with_its_authors_program() {
+        let [reference, test] = patterned_pair();
+        let near = [0.130_561_14, 0.170_243_16, 0.194_227_28, 0.102_798];
+        assert_agrees(&flip_of(&reference, &test, 67.0), 0.159_965_938, near);
+        let far = [0.189_726_96, 0.319_986_82, 0.353_213_6, 0.140_082_91];
+        assert_agrees(&flip_of(&reference, &test, 25.0), 0.323_611_962, far);
+    }
+
+    #[test]
+    fn hdr_flip_agrees_with_its_authors_program() {
+        let [reference, test] = patterned_pair().map(|raster| stretched(&raster));
+        let mut luminances: Vec<f32> = reference.pixels().iter().map(|color| color::luminance(*color) as f32).collect();
+        let exposures = ExposureRange::of_luminances(&mut luminances);
+        assert!((exposures.start_stops - -2.923_838_6).abs() < 2e-6, "{exposures:?}");
+        assert!((exposures.stop_stops - 0.025_019_391).abs() < 2e-6, "{exposures:?}");
+        assert_eq!(exposures.count, 3);
+        let error = hdr_flip(&reference, &test, 67.0, &exposures, checked).unwrap();
+        assert_agrees(&error, 0.268_948_346, [0.156_454_44, 0.350_949_1, 0.202_044_08, 0.200_789_27]);
+    }
+
+    #[test]
+    fn constants_have_their_closed_form() {
+        // By the published CIELAB values of the primaries, with the Hunt effect.
+        let [green, blue] = [[87.73, -86.18 * 0.8773, 83.18 * 0.8773], [32.30, 79.19 * 0.3230, -107.86 * 0.3230]];
+        let chroma = elementary::hypot(green[1] - blue[1], green[2] - blue[2]);
+        let greatest = elementary::pow(green[0] - blue[0] + chroma, 0.7);
+        let lightness = |v: f64| 116.0 * elementary::cbrt(v) - 16.0;
+        let between_greys = 0.95 / (0.4 * greatest) * elementary::pow(lightness(0.5) - lightness(0.25), 0.7);
+        assert!((f64::from(constant_error([0.5; 3], [0.25; 3])) - between_greys).abs() < 3e-4, "{between_greys}");
+        let white_and_black = 0.95 + 0.05 * (elementary::pow(100.0, 0.7) - 0.4 * greatest) / (0.6 * greatest);
+        assert!((f64::from(constant_error([1.0; 3], [0.0; 3])) - white_and_black).abs() < 3e-4, "{white_and_black}");
+        assert!((constant_error([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]) - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn equal_images_have_no_error_and_order_does_not_matter() {
+        let [reference, test] = patterned_pair();
+        assert!(flip_of(&reference, &reference, 67.0).values.iter().all(|v| *v == 0.0));
+        assert_eq!(flip_of(&reference, &test, 67.0), flip_of(&test, &reference, 67.0));
+    }
+
+    #[test]
+    fn a_mirrored_pair_has_the_mirrored_error() {
+        let mirrored = |raster: &Raster| {
+            let rows = (0..raster.height()).flat_map(|y| raster.row(y).iter().rev().copied().collect::<Vec<_>>());
+            Raster::new(raster.width(), raster.height(), rows.collect())
+        };
+        let [reference, test] = patterned_pair();
+        let straight = flip_of(&reference, &test, 67.0);
+        let turned = flip_of(&mirrored(&reference), &mirrored(&test), 67.0);
+        for (row, turned_row) in straight.values.chunks(straight.width).zip(turned.values.chunks(straight.width)) {
+            for (one, other) in row.iter().zip(turned_row.iter().rev()) {
+                // Sums run through their terms in the other order.
+                assert!((one - other).abs() < 2e-5, "{one} {other}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_transposed_pair_has_the_transposed_error() {
+        let transposed = |raster: &Raster| {
+            let (width, height) = (raster.height(), raster.width());
+            let pixel = |index: usize| raster.pixel(index / width, index % width);
+            Raster::new(width, height, (0..width * height).map(pixel).collect())
+        };
+        let [reference, test] = patterned_pair();
+        let straight = flip_of(&reference, &test, 67.0);
+        let turned = flip_of(&transposed(&reference), &transposed(&test), 67.0);
+        for y in 0..straight.height {
+            for x in 0..straight.width {
+                let (one, other) = (straight.values[y * straight.width + x], turned.values[x * turned.width + y]);
+                assert!((one - other).abs() < 2e-5, "({x}, {y}): {one} {other}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_strip_border_does_not_show() {
+        // At ten pixels a degree strips are 64 rows high; 150 rows of the same columns must all agree.
+        let columns = |a: usize| {
+            let pixel = |index: usize| [((index % 40) * a % 11) as f32 / 10.0; 3];
+            Raster::new(40, 150, (0..40 * 150).map(pixel).collect())
+        };
+        let error = flip_of(&columns(3), &columns(4), 10.0);
+        for row in error.values.chunks(40) {
+            assert_eq!(row, &error.values[..40]);
+        }
+    }
+
+    #[test]
+    fn any_number_is_taken() {
+        let odd = Raster::new(2, 2, vec![[f32::NAN; 3], [f32::INFINITY; 3], [-1.0; 3], [f32::MAX; 3]]);
+        let grey = Raster::filled(2, 2, [0.2; 3]);
+        let range = ExposureRange { start_stops: -20.0, stop_stops: 20.0, count: 5 };
+        for error in [flip_of(&odd, &grey, 67.0), hdr_flip(&odd, &grey, 67.0, &range, checked).unwrap()] {
+            assert!(error.values.iter().all(|v| (0.0..=1.0).contains(v)), "{:?}", error.values);
+        }
+        assert!(flip_of(&Raster::filled(0, 0, [0.0; 3]), &Raster::filled(0, 0, [0.0; 3]), 67.0).values.is_empty());
+        assert!(constant_error([1.0; 3], [0.9; 3]) > 0.0);
+    }
+
+    #[test]
+    fn a_black_reference_has_a_range_of_exposures() {
+        for luminances in [&mut [0.0_f32; 4][..], &mut []] {
+            let range = ExposureRange::of_luminances(luminances);
+            // log2(2.1189 / 2^-23).
+            assert!((range.start_stops - 24.0833).abs() < 1e-4 && range.start_stops == range.stop_stops, "{range:?}");
+            assert_eq!(range.stops().len(), 1);
+        }
+    }
+
+    #[test]
+    fn an_interruption_ends_the_work() {
+        let grey = Raster::filled(8, 8, [0.2; 3]);
+        assert_eq!(flip(&grey, &grey, 67.0, || Err("stop")), Err("stop"));
+    }
 }
