@@ -14,6 +14,7 @@ pub mod mark;
 pub mod median_cut;
 pub mod plot;
 pub mod profile;
+pub mod rasters;
 pub mod relight;
 pub mod sample;
 pub mod synthesize;
@@ -25,4 +26,7 @@ use crate::engine::registry::Registry;
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
     Registry::default()
+        .with::<average::Average>()
+        .with::<compare::Compare>()
+        .with::<tone_map::ToneMap>()
 }
