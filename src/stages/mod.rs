@@ -15,6 +15,7 @@ pub mod mark;
 pub mod median_cut;
 pub mod plot;
 pub mod profile;
+pub mod rasters;
 pub mod relight;
 pub mod sample;
 pub mod synthesize;
@@ -28,6 +29,9 @@ use crate::light::envmap::EnvMap;
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
     Registry::default()
+        .with::<average::Average>()
+        .with::<compare::Compare>()
+        .with::<tone_map::ToneMap>()
         .with::<load::Load>()
         .with_artifact::<Image>()
         .with_artifact::<Picture>()
