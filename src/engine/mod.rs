@@ -17,6 +17,8 @@ pub mod publish;
 pub mod reference;
 pub mod registry;
 pub mod schedule;
+pub mod source;
 pub mod stage;
 pub mod store;
 pub mod sweep;
+pub mod yaml;
