@@ -4,6 +4,7 @@
 //! `registry` (the tables), then the path of a run.
 
 pub mod artifact;
+pub mod axes;
 pub mod coordinate;
 pub mod diagnostic;
 pub mod document;
@@ -20,5 +21,6 @@ pub mod schedule;
 pub mod source;
 pub mod stage;
 pub mod store;
+pub mod substitution;
 pub mod sweep;
 pub mod yaml;
