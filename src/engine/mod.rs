@@ -18,6 +18,7 @@ pub mod publish;
 pub mod reference;
 pub mod registry;
 pub mod schedule;
+pub mod schema;
 pub mod source;
 pub mod stage;
 pub mod store;

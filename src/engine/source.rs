@@ -157,6 +157,11 @@ impl Sources {
         &self.texts[file as usize]
     }
 
+    /// The source of that index, to be changed.
+    pub fn text_mut(&mut self, file: u32) -> &mut SourceText {
+        &mut self.texts[file as usize]
+    }
+
     /// The files, without the arguments.
     pub fn files(&self) -> &[SourceText] {
         &self.texts[..self.file_count]
