@@ -107,10 +107,15 @@ impl<'r> Reader<'_, 'r> {
         match text {
             Ok(text) => Some(text),
             Err(error) => {
-                let message = if subject.is_empty() { error.message } else { format!("{subject}: {}", error.message) };
-                // The text is not kept, so that there is no line to show; its position goes into the message.
-                let position = error.position.map(|(line, column)| format!(" (line {line}, column {column})")).unwrap_or_default();
-                self.findings.add(Finding::error(place, message + &position));
+                let finding = match error.position {
+                    _ if subject.is_empty() => {
+                        let (line, column) = error.position.unwrap_or_default();
+                        Finding::error(Place { line, column, ..place }, error.message)
+                    }
+                    Some((line, column)) => Finding::error(place, format!("{subject}: line {line}, column {column}: {}", error.message)),
+                    None => Finding::error(place, format!("{subject}: {}", error.message)),
+                };
+                self.findings.add(finding);
                 None
             }
         }

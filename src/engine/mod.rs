@@ -17,6 +17,8 @@ pub mod parameter;
 pub mod publish;
 pub mod reference;
 pub mod registry;
+pub mod relation;
+pub mod request;
 pub mod schedule;
 pub mod schema;
 pub mod source;

@@ -199,7 +199,7 @@ impl Sources {
         }
         let lines = lines.entry(place.file).or_insert_with(|| lines_of(&source.text));
         let (column, length) = (place.column as usize, place.length.max(1) as usize);
-        let line = lines.get(place.line as usize - 1).copied();
+        let line = lines.get(place.line as usize - 1).copied().filter(|_| !source.text.is_empty());
         let excerpt = line.map(|line| excerpt(line, column, length));
         Diagnostic { line: place.line as usize, column, length, excerpt, ..shown }
     }

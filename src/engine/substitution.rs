@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use super::axes::{Axis, scalar_of};
 use super::diagnostic::{listed, quoted};
+use super::schema::{FieldPath, Step};
 use super::source::{Finding, Findings, Place, did_you_mean};
 use super::yaml::{Entry, Node, Value, entry};
 use crate::catalogue::nearest;
@@ -123,13 +124,17 @@ impl Template {
         }
     }
 
-    /// The template under a key, if this is a map.
-    pub fn field(&self, key: &str) -> Option<Template> {
-        match self {
-            Template::Fixed(node) => entry(node.map()?, key).map(|entry| Template::Fixed(entry.node.clone())),
-            Template::Map(entries, _) => entries.iter().find(|(name, _, _)| &**name == key).map(|(_, _, template)| template.clone()),
+    /// The template that a path leads to.
+    pub fn follow(&self, path: &FieldPath) -> Option<Template> {
+        path.0.iter().try_fold(self.clone(), |template, step| match (step, &template) {
+            (Step::Field(key), Template::Fixed(node)) => entry(node.map()?, key).map(|entry| Template::Fixed(entry.node.clone())),
+            (Step::Field(key), Template::Map(entries, _)) => {
+                entries.iter().find(|(name, _, _)| **name == **key).map(|(_, _, template)| template.clone())
+            }
+            (Step::Item(index), Template::Fixed(node)) => node.list()?.get(*index).cloned().map(Template::Fixed),
+            (Step::Item(index), Template::List(items, _)) => items.get(*index).cloned(),
             _ => None,
-        }
+        })
     }
 }
 
