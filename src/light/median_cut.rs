@@ -15,8 +15,10 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::image::color::luminance;
 use crate::light::envmap::{Angles, EnvMap, direction_at, square_at, theta_of_row};
 use crate::light::lights::{Light, LightSet, Region};
+use crate::light::relight::estimators::intensity;
 use crate::light::summed_area::SummedArea;
 use crate::math::elementary;
 
@@ -129,11 +131,10 @@ impl Weights {
     }
 
     /// Energy of a pixel of row `y`; never negative, and NaN or infinite only if the pixel is.
-    fn energy(&self, y: usize, [r, g, b]: [f32; 3]) -> f64 {
-        let (r, g, b) = (f64::from(r), f64::from(g), f64::from(b));
+    fn energy(&self, y: usize, pixel: [f32; 3]) -> f64 {
         let intensity = match self.variant {
-            Variant::Debevec => 0.2126 * r + 0.7152 * g + 0.0722 * b,
-            Variant::Coursework2021 => (r + g + b) / 3.0,
+            Variant::Debevec => luminance(pixel),
+            Variant::Coursework2021 => intensity(pixel.map(f64::from)),
         };
         // Not `max`, which would turn NaN into 0.
         if intensity < 0.0 { 0.0 } else { intensity * self.of_rows[y] }

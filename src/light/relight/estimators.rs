@@ -207,7 +207,7 @@ fn weight(estimator: SampleEstimator, sample: &Sample, radiance: [f64; 3], sine:
 }
 
 /// I = (R + G + B) / 3, the reports' intensity.
-pub(super) fn intensity([r, g, b]: [f64; 3]) -> f64 {
+pub fn intensity([r, g, b]: [f64; 3]) -> f64 {
     (r + g + b) / 3.0
 }
 

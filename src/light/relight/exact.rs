@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn a_band_boundary_does_not_show() {
-        assert!(bands(511).into_iter().eq([0..511]));
+        assert_eq!((bands(511).len(), bands(3000).len()), (1, 35));
         let rows: Vec<usize> = bands(3000).into_iter().flatten().collect();
         assert_eq!(rows, (0..3000).collect::<Vec<_>>());
     }

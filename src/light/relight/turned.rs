@@ -5,7 +5,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use crate::image::raster::Image;
 use crate::light::envmap::EnvMap;
@@ -13,6 +13,7 @@ use crate::light::relight::estimators::{RelightError, SampleEstimator, check_siz
 use crate::light::relight::sphere::{self, Scanline};
 use crate::light::samples::SampleSet;
 use crate::math::elementary;
+use crate::math::sphere::frame_about;
 
 /// Directions about a normal with weights, and the map they look into.
 pub struct TurnedDirections<'a> {
@@ -77,20 +78,6 @@ impl<'a> TurnedDirections<'a> {
         let radiance = |normal: &DVec3| Ok(reflected(albedo, self.irradiance(*normal, &check)?));
         sphere::picture(size, |line: &Scanline| line.normals.iter().map(radiance).collect())
     }
-}
-
-/// A right-handed frame whose third axis is the unit vector `normal`.
-///
-/// Duff et al., "Building an orthonormal basis, revisited" (JCGT 6(1), 2017).
-pub fn frame_about(normal: DVec3) -> DMat3 {
-    let sign = 1.0_f64.copysign(normal.z);
-    let a = -1.0 / (sign + normal.z);
-    let b = normal.x * normal.y * a;
-    DMat3::from_cols(
-        DVec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x),
-        DVec3::new(b, sign + normal.y * normal.y * a, -normal.y),
-        normal,
-    )
 }
 
 /// Finds the pixel that contains a direction without arc functions.
@@ -180,21 +167,6 @@ mod tests {
             for direction in [DVec3::X, DVec3::Y, DVec3::Z] {
                 assert_eq!(finder.pixel(direction), pixel_containing(direction, width, height), "{direction}");
             }
-        }
-    }
-
-    #[test]
-    fn frames_are_orthonormal_and_right_handed() {
-        let stream = Stream::new(4, Purpose::Test);
-        let drawn = (0..100).map(|index| {
-            let [u, v] = stream.generator(index).uniform_pair();
-            direction_at(v * PI, u * 2.0 * PI)
-        });
-        for normal in drawn.chain([DVec3::Z, DVec3::NEG_Z, DVec3::X, DVec3::NEG_Y]) {
-            let frame = frame_about(normal);
-            assert_eq!(frame.z_axis, normal);
-            assert!((frame.transpose() * frame - DMat3::IDENTITY).to_cols_array().iter().all(|entry| entry.abs() < 1e-14));
-            assert!((frame.determinant() - 1.0).abs() < 1e-14);
         }
     }
 }
