@@ -21,8 +21,14 @@ pub mod table;
 pub mod tone_map;
 
 use crate::engine::registry::Registry;
+use crate::light::lights::LightSet;
 
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
     Registry::default()
+        .with::<fresnel::Fresnel>()
+        .with::<mark::Mark>()
+        .with::<median_cut::MedianCut>()
+        .with::<relight::Relight>()
+        .with_artifact::<LightSet>()
 }
