@@ -25,6 +25,7 @@ pub mod tone_map;
 use crate::engine::registry::Registry;
 use crate::image::raster::{Image, Picture};
 use crate::light::envmap::EnvMap;
+use crate::light::lights::LightSet;
 
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
@@ -36,4 +37,9 @@ pub fn registry() -> Registry {
         .with_artifact::<Image>()
         .with_artifact::<Picture>()
         .with_artifact::<EnvMap>()
+        .with::<fresnel::Fresnel>()
+        .with::<mark::Mark>()
+        .with::<median_cut::MedianCut>()
+        .with::<relight::Relight>()
+        .with_artifact::<LightSet>()
 }
