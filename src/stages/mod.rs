@@ -21,8 +21,18 @@ pub mod table;
 pub mod tone_map;
 
 use crate::engine::registry::Registry;
+use crate::light::distribution::Distribution;
+use crate::light::samples::SampleSet;
+use crate::stages::distribution::DistributionStage;
+use crate::stages::profile::ProfileStage;
+use crate::stages::sample::SampleStage;
 
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
     Registry::default()
+        .with_artifact::<Distribution>()
+        .with_artifact::<SampleSet>()
+        .with::<DistributionStage>()
+        .with::<ProfileStage>()
+        .with::<SampleStage>()
 }
