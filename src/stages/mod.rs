@@ -26,6 +26,11 @@ use crate::engine::registry::Registry;
 use crate::image::raster::{Image, Picture};
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
+use crate::light::distribution::Distribution;
+use crate::light::samples::SampleSet;
+use crate::stages::distribution::DistributionStage;
+use crate::stages::profile::ProfileStage;
+use crate::stages::sample::SampleStage;
 
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
@@ -42,4 +47,9 @@ pub fn registry() -> Registry {
         .with::<median_cut::MedianCut>()
         .with::<relight::Relight>()
         .with_artifact::<LightSet>()
+        .with_artifact::<Distribution>()
+        .with_artifact::<SampleSet>()
+        .with::<DistributionStage>()
+        .with::<ProfileStage>()
+        .with::<SampleStage>()
 }
