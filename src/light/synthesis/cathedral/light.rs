@@ -1,0 +1,312 @@
+//! Light in the building: daylight through glass, a low sun in colored pools, lamps, and what walls send back.
+//!
+//! Direct sun is exact up to the sun's width. Everything diffuse comes from probes: irradiance for six
+//! directions at the points of a coarse grid, gathered by rays in two bounces (after Greger, Shirley,
+//! Hubbard, Greenberg, "The irradiance volume", 1998, with the six-sided basis of McTaggart, 2004).
+
+use std::f32::consts::PI;
+
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::light::synthesis::cathedral::building::{self, Part};
+use crate::light::synthesis::cathedral::glass::{self, Window};
+use crate::light::synthesis::cathedral::surface;
+use crate::math::elementary;
+
+/// Unit direction towards the sun: south (+z), high, a little west.
+pub const TO_SUN: Vec3 = Vec3::new(0.248_069, 0.847_569, 0.469_180);
+/// Irradiance of the sun on a surface that faces it, before the glass.
+const SUN: Vec3 = Vec3::new(150.0, 135.0, 108.0);
+/// Intensity of one chandelier, as a point far away.
+const CHANDELIER: Vec3 = Vec3::new(30.0, 17.0, 7.0);
+/// Intensity of the altar's candles together.
+const ALTAR: Vec3 = Vec3::new(12.0, 6.2, 2.2);
+/// Dust in the air: scattering per meter. Light is scattered evenly to all sides.
+const DUST: f32 = 0.0075;
+/// What light there is where none of the above reaches.
+const REST: Vec3 = Vec3::new(0.012, 0.011, 0.012);
+
+/// A lamp as far surfaces see it.
+#[derive(Debug, Clone, Copy)]
+pub struct Lamp {
+    /// Where it is.
+    pub position: Vec3,
+    /// Radiant intensity.
+    pub intensity: Vec3,
+}
+
+/// All lamps of the building.
+pub fn lamps() -> Vec<Lamp> {
+    let chandeliers = [-18.0, -6.0, 6.0].map(|x| Lamp { position: Vec3::new(x, building::CHANDELIER_HEIGHT + 0.25, 0.0), intensity: CHANDELIER });
+    let altar = [-1.2, 1.2].map(|z| Lamp { position: Vec3::new(-29.0, 2.35, z), intensity: 0.5 * ALTAR });
+    chandeliers.into_iter().chain(altar).collect()
+}
+
+/// A small flame or filament, and how bright it is.
+#[derive(Debug, Clone, Copy)]
+pub struct Flame {
+    /// Where it is.
+    pub position: Vec3,
+    /// Its radius in meters.
+    pub radius: f32,
+    /// Its radiance.
+    pub radiance: Vec3,
+}
+
+/// The flames that are seen where [`lamps`] give light; each lamp's flames have its intensity together.
+pub fn flames() -> Vec<Flame> {
+    let mut flames = Vec::new();
+    for x in [-18.0, -6.0, 6.0] {
+        let center = Vec3::new(x, building::CHANDELIER_HEIGHT, 0.0);
+        let (outer, inner) = (12, 6);
+        for (count, radius, height) in [(outer, building::CHANDELIER_RADIUS, 0.2), (inner, 0.55, 0.78)] {
+            for index in 0..count {
+                let (sine, cosine) = elementary::sin_cos((f64::from(index) + 0.5) * std::f64::consts::TAU / f64::from(count));
+                let position = center + Vec3::new(radius * cosine as f32, height, radius * sine as f32);
+                flames.push(flame(position, 0.012, CHANDELIER / (outer + inner) as f32));
+            }
+        }
+    }
+    for z in [-1.5, -1.2, -0.9, 0.9, 1.2, 1.5] {
+        flames.push(flame(Vec3::new(-29.2, 2.35 + 0.15 * (1.5 - f32::abs(z)), z), 0.014, ALTAR / 6.0));
+    }
+    flames
+}
+
+/// A sphere of that intensity: L pi r^2 = I.
+fn flame(position: Vec3, radius: f32, intensity: Vec3) -> Flame {
+    Flame { position, radius, radiance: intensity / (PI * radius * radius) }
+}
+
+/// Radiance of the daylight behind a window, as seen from inside in direction `view`: bright above, dim towards the ground.
+pub fn daylight(window: &Window, view: Vec3) -> Vec3 {
+    let sky = Vec3::new(50.0, 56.0, 66.0) * (0.62 + 0.5 * view.y.clamp(-0.4, 1.0));
+    let near_sun = window.outward.dot(TO_SUN).max(0.0);
+    sky + Vec3::new(72.0, 62.0, 44.0) * near_sun
+}
+
+/// Radiance of a window at a point of its glass, pane by pane; tracery is dark.
+pub fn glass_radiance(p: Vec3, view: Vec3, seed: u64) -> Option<Vec3> {
+    let window = glass::window_at(p);
+    window.transmittance(seed).map(|transmittance| transmittance * daylight(&window, view))
+}
+
+/// Irradiance of the sun at `p` for a surface that faces it; zero in shadow.
+///
+/// `panes` gives the transmittance of a window, fine or mean.
+pub fn sun(p: Vec3, panes: impl Fn(&Window) -> Option<Vec3>) -> Vec3 {
+    for (plane, opening) in [(building::CLERESTORY_GLASS, building::CLERESTORY_WINDOW), (building::AISLE_GLASS, building::AISLE_WINDOW)] {
+        let t = (plane + 0.01 - p.z) / TO_SUN.z;
+        if t <= 0.05 {
+            continue;
+        }
+        let q = p + TO_SUN * t;
+        let is_glass = q.x > building::EAST && q.x < building::WEST && opening.distance(building::fold_bay(q.x), q.y) < 0.0;
+        if !is_glass {
+            continue;
+        }
+        let Some(transmittance) = panes(&glass::window_at(q)) else { continue };
+        if building::trace(p, TO_SUN, 0.03, t - 0.25).is_none() {
+            return SUN * transmittance;
+        }
+    }
+    Vec3::ZERO
+}
+
+/// Light that dust scatters towards the eye along a ray: beams below the windows, halos about the lamps.
+///
+/// Both integrals are exact for light that is not weakened on its way: a beam is a box sheared along the
+/// sun's direction, and about a lamp the integral of I / d^2 along a line is I times the angle the line
+/// spans at the lamp over its distance from the lamp.
+pub fn scattered(origin: Vec3, direction: Vec3, length: f32, lamps: &[Lamp]) -> Vec3 {
+    let phase = DUST / (4.0 * PI);
+    let mut sum = Vec3::ZERO;
+    for (plane, inner, opening) in [
+        (building::CLERESTORY_GLASS, building::NAVE_HALF_WIDTH, building::CLERESTORY_WINDOW),
+        (building::AISLE_GLASS, building::OUTER_HALF_WIDTH, building::AISLE_WINDOW),
+    ] {
+        for bay in -4..=2 {
+            for side in [-0.5, 0.5] {
+                let half = 0.5 * opening.arch.half_span;
+                let low = Vec2::new(building::BAY * bay as f32 + side * opening.arch.half_span - 0.9 * half, opening.sill);
+                let high = Vec2::new(low.x + 1.8 * half, opening.arch.spring + 0.6);
+                sum += SUN * glass::MEAN_TRANSMITTANCE * beam_length(origin, direction, length, plane, inner, low, high);
+            }
+        }
+    }
+    for lamp in lamps {
+        let to_lamp = lamp.position - origin;
+        let along = to_lamp.dot(direction);
+        let beside = (to_lamp - direction * along).length().max(0.12);
+        let turn = elementary::atan2(
+            f64::from(length * beside),
+            f64::from(beside * beside - along * (length - along)),
+        );
+        let angle = if turn < 0.0 { turn + std::f64::consts::TAU } else { turn };
+        sum += lamp.intensity * (angle as f32 / beside);
+    }
+    sum * phase
+}
+
+/// Length of the part of a ray that lies in the beam of a window between `low` and `high` in the plane z = `plane`.
+fn beam_length(origin: Vec3, direction: Vec3, length: f32, plane: f32, inner: f32, low: Vec2, high: Vec2) -> f32 {
+    let (mut from, mut to) = (0.0, length);
+    let slope = Vec2::new(TO_SUN.x, TO_SUN.y) / TO_SUN.z;
+    // The place on the window that the sun's ray through a point of our ray comes from is linear in t.
+    let start = Vec2::new(origin.x, origin.y) + slope * (plane - origin.z);
+    let speed = Vec2::new(direction.x, direction.y) - slope * direction.z;
+    // The nave's own wall cuts the beams of the aisles off on its far side.
+    let far = if plane > 8.0 { 5.2 } else { -building::NAVE_HALF_WIDTH };
+    for (value, rate, least, most) in
+        [(start.x, speed.x, low.x, high.x), (start.y, speed.y, low.y, high.y), (origin.z, direction.z, far, inner)]
+    {
+        if rate.abs() < 1e-6 {
+            if value < least || value > most {
+                return 0.0;
+            }
+            continue;
+        }
+        let (a, b) = ((least - value) / rate, (most - value) / rate);
+        from = f32::max(from, a.min(b));
+        to = f32::min(to, a.max(b));
+    }
+    (to - from).max(0.0)
+}
+
+/// Rays that each probe gathers with.
+const GATHER_COUNT: usize = 160;
+/// Lowest corner, spacing and number of the probes.
+const GRID_ORIGIN: Vec3 = Vec3::new(-32.0, 0.7, -10.2);
+const GRID_SPACING: Vec3 = Vec3::new(3.0, 2.45, 1.7);
+const GRID_COUNT: [usize; 3] = [16, 8, 13];
+
+/// Irradiance for the six directions +x -x +y -y +z -z at one point; `None` inside stone.
+type Probe = Option<[Vec3; 6]>;
+
+/// Diffuse light throughout the building.
+pub struct Probes {
+    probes: Vec<Probe>,
+}
+
+/// What one ray of a probe has met.
+struct Gathered {
+    direction: Vec3,
+    point: Vec3,
+    normal: Vec3,
+    albedo: Vec3,
+    /// Radiance towards the probe without any light that was reflected before.
+    direct: Vec3,
+}
+
+impl Probes {
+    /// Gathers the light of windows, sun and lamps with two bounces.
+    ///
+    /// `check` is asked before each probe.
+    pub fn gathered<E: Send>(lamps: &[Lamp], check: impl Fn() -> Result<(), E> + Sync) -> Result<Self, E> {
+        let directions = even_directions(GATHER_COUNT);
+        let count = GRID_COUNT.iter().product::<usize>();
+        let hits: Vec<Option<Vec<Gathered>>> = (0..count)
+            .into_par_iter()
+            .map(|index| {
+                check()?;
+                let position = position_of(index);
+                let is_air = building::distance(position) > 0.08;
+                Ok(is_air.then(|| directions.iter().map(|&direction| gather(position, direction, lamps)).collect()))
+            })
+            .collect::<Result<_, E>>()?;
+        let mut field = Self { probes: vec![Some([Vec3::ZERO; 6]); count] };
+        for _bounce in 0..3 {
+            let probes = hits.par_iter().enumerate().map(|(index, hits)| field.summed(position_of(index), hits.as_deref(), lamps));
+            field = Self { probes: probes.collect() };
+        }
+        Ok(field)
+    }
+
+    /// Irradiance at `p` on a surface with normal `n`.
+    pub fn irradiance(&self, p: Vec3, n: Vec3) -> Vec3 {
+        // A step off the wall, so that probes behind it weigh less.
+        let lifted = p + n * 0.5;
+        let place = ((lifted - GRID_ORIGIN) / GRID_SPACING).max(Vec3::ZERO);
+        let last = Vec3::new(GRID_COUNT[0] as f32 - 1.001, GRID_COUNT[1] as f32 - 1.001, GRID_COUNT[2] as f32 - 1.001);
+        let place = place.min(last);
+        let cell = place.floor();
+        let f = place - cell;
+        let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
+        for corner in 0..8_usize {
+            let [i, j, k] = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let index = ((cell.x as usize + i) * GRID_COUNT[1] + cell.y as usize + j) * GRID_COUNT[2] + cell.z as usize + k;
+            let Some(probe) = &self.probes[index] else { continue };
+            let pick = |upper: usize, f: f32| if upper == 1 { f } else { 1.0 - f };
+            let facing = (position_of(index) - p).normalize_or_zero().dot(n) * 0.5 + 0.5;
+            let weight = (pick(i, f.x) * pick(j, f.y) * pick(k, f.z) + 1e-4) * (facing * facing + 0.03);
+            sum += projected(probe, n) * weight;
+            weights += weight;
+        }
+        REST + if weights > 0.0 { sum / weights } else { Vec3::ZERO }
+    }
+
+    fn summed(&self, position: Vec3, hits: Option<&[Gathered]>, lamps: &[Lamp]) -> Probe {
+        let hits = hits?;
+        let mut sides = [Vec3::ZERO; 6];
+        let weight = 4.0 * PI / hits.len() as f32;
+        for hit in hits {
+            let radiance = hit.direct + hit.albedo / PI * self.irradiance(hit.point, hit.normal);
+            add(&mut sides, hit.direction, radiance * weight);
+        }
+        for lamp in lamps {
+            let to_lamp = lamp.position - position;
+            let distance = to_lamp.length();
+            let is_near = distance < 30.0 && building::trace(position, to_lamp / distance, 0.0, distance - 0.5).is_none();
+            if is_near {
+                add(&mut sides, to_lamp / distance, lamp.intensity / (distance * distance).max(1.0));
+            }
+        }
+        Some(sides)
+    }
+}
+
+fn gather(position: Vec3, direction: Vec3, _lamps: &[Lamp]) -> Gathered {
+    let t = building::trace(position, direction, 0.0, 60.0).unwrap_or(60.0);
+    let point = position + direction * t;
+    let part = building::part(point);
+    let albedo = surface::mean_albedo(part);
+    let normal = building::normal(point, 0.02);
+    let direct = if part == Part::Glass {
+        glass::MEAN_TRANSMITTANCE * 0.8 * daylight(&glass::window_at(point), direction)
+    } else {
+        let cosine = normal.dot(TO_SUN);
+        if cosine > 0.0 { albedo / PI * cosine * sun(point + normal * 0.02, |_| Some(glass::MEAN_TRANSMITTANCE)) } else { Vec3::ZERO }
+    };
+    Gathered { direction, point, normal, albedo, direct }
+}
+
+fn add(sides: &mut [Vec3; 6], direction: Vec3, irradiance: Vec3) {
+    for (axis, component) in direction.to_array().into_iter().enumerate() {
+        sides[2 * axis + usize::from(component < 0.0)] += irradiance * component.abs();
+    }
+}
+
+/// Irradiance on normal n: the sides that n looks at, weighted by the squares of its components.
+fn projected(sides: &[Vec3; 6], n: Vec3) -> Vec3 {
+    (0..3).map(|axis| sides[2 * axis + usize::from(n[axis] < 0.0)] * (n[axis] * n[axis])).sum()
+}
+
+fn position_of(index: usize) -> Vec3 {
+    let [_, rows, columns] = GRID_COUNT;
+    let place = Vec3::new((index / (rows * columns)) as f32, (index / columns % rows) as f32, (index % columns) as f32);
+    GRID_ORIGIN + place * GRID_SPACING
+}
+
+/// Directions spread evenly over the sphere: a spiral of golden angles (Gonzalez 2010).
+fn even_directions(count: usize) -> Vec<Vec3> {
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    (0..count)
+        .map(|index| {
+            let y = 1.0 - (2 * index + 1) as f64 / count as f64;
+            let (sine, cosine) = elementary::sin_cos(golden * index as f64);
+            let radius = (1.0 - y * y).sqrt();
+            DVec3::new(radius * cosine, y, radius * sine).as_vec3()
+        })
+        .collect()
+}
