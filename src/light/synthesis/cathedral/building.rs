@@ -59,6 +59,28 @@ pub enum Part {
     Gold,
 }
 
+/// Larger and smaller of two numbers that are not NaN.
+///
+/// `f32::max` and `f32::min` also settle NaN, which costs four instructions instead of one, some fifty times a step.
+trait Bounded {
+    /// The larger one.
+    fn at_least(self, least: f32) -> f32;
+    /// The smaller one.
+    fn at_most(self, most: f32) -> f32;
+}
+
+impl Bounded for f32 {
+    #[inline(always)]
+    fn at_least(self, least: f32) -> f32 {
+        if self > least { self } else { least }
+    }
+
+    #[inline(always)]
+    fn at_most(self, most: f32) -> f32 {
+        if self < most { self } else { most }
+    }
+}
+
 /// The nearest surface so far.
 #[derive(Debug, Clone, Copy)]
 struct Nearest {
@@ -111,7 +133,7 @@ impl Opening {
     /// Signed distance to the opening, negative inside.
     #[inline(always)]
     pub fn distance(&self, across: f32, y: f32) -> f32 {
-        self.arch.distance(across, y).max(self.sill - y)
+        self.arch.distance(across, y).at_least(self.sill - y)
     }
 }
 
@@ -141,11 +163,6 @@ pub fn distance(p: Vec3) -> f32 {
     nearest(p).distance
 }
 
-/// What stands nearest to `p`.
-pub fn part(p: Vec3) -> Part {
-    nearest(p).part
-}
-
 /// Unit normal of the surface near `p`, into the air.
 ///
 /// Differences over the corners of a tetrahedron, `reach` from `p`.
@@ -155,20 +172,30 @@ pub fn normal(p: Vec3, reach: f32) -> Vec3 {
     gradient.normalize_or(Vec3::Y)
 }
 
-/// Follows a ray from `start` to the first surface, at most to `end`; `None` if it meets none.
-pub fn trace(origin: Vec3, direction: Vec3, start: f32, end: f32) -> Option<f32> {
+/// Where a ray meets a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Hit {
+    /// Distance along the ray.
+    pub t: f32,
+    /// What is there.
+    pub part: Part,
+}
+
+/// Follows a ray from `start` to the first surface; `None` if it meets none before `end`.
+pub fn trace(origin: Vec3, direction: Vec3, start: f32, end: f32) -> Option<Hit> {
     let mut t = start;
+    let mut near = nearest(origin + direction * t);
     for _ in 0..160 {
-        let step = distance(origin + direction * t);
-        if step < 4e-4 + 2e-4 * t {
-            return Some(t);
+        if near.distance < 4e-4 + 7e-4 * t {
+            break;
         }
-        t += step;
+        t += near.distance;
         if t >= end {
             return None;
         }
+        near = nearest(origin + direction * t);
     }
-    Some(t)
+    Some(Hit { t, part: near.part })
 }
 
 /// How far all rays within `spread` (tangent of the half angle) of `direction` are free.
@@ -185,10 +212,31 @@ pub fn free_distance(origin: Vec3, direction: Vec3, spread: f32) -> f32 {
     t
 }
 
+/// The largest integer not above `x`, which is within the range of `i32`.
+///
+/// Without the instructions of newer processors, `f32::floor` is a call.
+#[inline(always)]
+pub fn floor(x: f32) -> f32 {
+    let whole = x as i32 as f32;
+    if whole > x { whole - 1.0 } else { whole }
+}
+
+/// Distance of `x` from the nearest multiple of `period`.
+#[inline(always)]
+fn folded(x: f32, period: f32) -> f32 {
+    x - period * floor(x / period + 0.5)
+}
+
+/// The part of `x` after the point.
+#[inline(always)]
+fn fraction(x: f32) -> f32 {
+    x - floor(x)
+}
+
 /// Folds x into its bay: distance from the bay's middle, 0 to 3.
 #[inline(always)]
 pub fn fold_bay(x: f32) -> f32 {
-    (x - BAY * (x / BAY).round()).abs()
+    folded(x, BAY).abs()
 }
 
 /// Outward distance and place along the face, for the face of the apse that `p` looks at.
@@ -216,15 +264,15 @@ fn nearest(p: Vec3) -> Nearest {
         altar(p, &mut near);
     }
     // Beyond the border stands what this side's formula does not know; a step may cross it only by a little.
-    near.distance = near.distance.min((p.x - EAST).abs() + 0.4);
+    near.distance = near.distance.at_most((p.x - EAST).abs() + 0.4);
     near.distance *= 0.93;
     near
 }
 
 fn floor_distance(p: Vec3) -> f32 {
     let aisle = p.z.abs() - 5.0;
-    let step = |at: f32, height: f32| (p.x - at).max(p.y - height).max(aisle);
-    p.y.min(step(-22.0, 0.17)).min(step(-22.45, 0.34)).min(step(-25.5, 0.51))
+    let step = |at: f32, height: f32| (p.x - at).at_least(p.y - height).at_least(aisle);
+    p.y.at_most(step(-22.0, 0.17)).at_most(step(-22.45, 0.34)).at_most(step(-25.5, 0.51))
 }
 
 fn nave(p: Vec3, near: &mut Nearest) {
@@ -258,21 +306,21 @@ fn arcade(along: f32, out: f32, y: f32, near: &mut Nearest) {
         pier(from_pier, out - PIER_DISTANCE, y, near);
     }
     let opening = ARCADE.distance(along, y);
-    let outer_order = (depth - 0.55).max(0.3 - opening);
-    let middle_order = (depth - 0.4).max(0.14 - opening);
-    let inner_order = (depth - 0.22).max(-opening);
-    let mut wall = outer_order.min(middle_order).min(inner_order).max(6.3 - y);
+    let outer_order = (depth - 0.55).at_least(0.3 - opening);
+    let middle_order = (depth - 0.4).at_least(0.14 - opening);
+    let inner_order = (depth - 0.22).at_least(-opening);
+    let mut wall = outer_order.at_most(middle_order).at_most(inner_order).at_least(6.3 - y);
     if y > 9.8 {
         let inner_face = out - NAVE_HALF_WIDTH;
-        let splay = (0.35 * (CLERESTORY_GLASS - out)).clamp(0.0, 0.25);
-        wall = wall.max(splay - CLERESTORY_WINDOW.distance(along, y));
-        let column = (along / 1.5).fract() - 0.5;
-        wall = wall.max(-(NICHE.distance(1.5 * column.abs(), y).max(out - 5.62)));
-        near.add((CLERESTORY_GLASS - out).max(CLERESTORY_WINDOW.distance(along, y) - 0.1), Part::Glass);
+        let splay = (0.35 * (CLERESTORY_GLASS - out)).at_least(0.0).at_most(0.25);
+        wall = wall.at_least(splay - CLERESTORY_WINDOW.distance(along, y));
+        let column = fraction(along / 1.5) - 0.5;
+        wall = wall.at_least(-(NICHE.distance(1.5 * column.abs(), y).at_least(out - 5.62)));
+        near.add((CLERESTORY_GLASS - out).at_least(CLERESTORY_WINDOW.distance(along, y) - 0.1), Part::Glass);
         near.add(Vec2::new(y - 10.3, inner_face).length() - 0.13, Part::Rib);
         near.add(Vec2::new(y - 12.75, inner_face).length() - 0.1, Part::Rib);
     } else if y > 6.0 {
-        near.add(Vec2::new(opening - 0.5, depth - 0.55).length().max((0.05 - from_pier).max(6.5 - y)) - 0.07, Part::Rib);
+        near.add(Vec2::new(opening - 0.5, depth - 0.55).length().at_least((0.05 - from_pier).at_least(6.5 - y)) - 0.07, Part::Rib);
     }
     near.add(wall, Part::Wall);
     if y > 6.3 {
@@ -283,7 +331,7 @@ fn arcade(along: f32, out: f32, y: f32, near: &mut Nearest) {
 /// A clustered pier with base and capital.
 #[inline(always)]
 fn pier(along: f32, across: f32, y: f32, near: &mut Nearest) {
-    let (a, b) = (along.abs().max(across.abs()), along.abs().min(across.abs()));
+    let (a, b) = (along.abs().at_least(across.abs()), along.abs().at_most(across.abs()));
     if a > 2.0 {
         near.add(a - 1.15, Part::Rib);
         return;
@@ -291,13 +339,13 @@ fn pier(along: f32, across: f32, y: f32, near: &mut Nearest) {
     let core = Vec2::new(a, b).length() - 0.6;
     let shafts = Vec2::new(a - 0.66, b).length() - 0.19;
     let minor = Vec2::new(a - 0.5, b - 0.5).length() - 0.13;
-    let base = 0.26 * (1.0 - ((y - 0.3) / 0.28).clamp(0.0, 1.0)) + 0.1 * (1.0 - ((y - 0.62) / 0.06).abs()).max(0.0);
-    let flare = ((y - 5.62) / 0.72).clamp(0.0, 1.0);
+    let base = 0.26 * (1.0 - ((y - 0.3) / 0.28).at_least(0.0).at_most(1.0)) + 0.1 * (1.0 - ((y - 0.62) / 0.06).abs()).at_least(0.0);
+    let flare = ((y - 5.62) / 0.72).at_least(0.0).at_most(1.0);
     // Two rows of leaves: the capital's outline waves with height.
-    let leaves = 0.05 * (1.0 - (2.0 * (2.0 * flare).fract() - 1.0).abs()) * f32::from(u8::from(flare > 0.0));
-    let ring = 0.06 * (1.0 - ((y - 5.58) / 0.07).abs()).max(0.0);
-    near.add(core.min(shafts).min(minor) - base - 0.28 * flare * flare - leaves - ring, Part::Rib);
-    near.add((a.max(0.72 * (a + b)) - 1.02).max((y - 6.45).abs() - 0.11), Part::Rib);
+    let leaves = 0.05 * (1.0 - (2.0 * fraction(2.0 * flare) - 1.0).abs()) * f32::from(u8::from(flare > 0.0));
+    let ring = 0.06 * (1.0 - ((y - 5.58) / 0.07).abs()).at_least(0.0);
+    near.add(core.at_most(shafts).at_most(minor) - base - 0.28 * flare * flare - leaves - ring, Part::Rib);
+    near.add((a.at_least(0.72 * (a + b)) - 1.02).at_least((y - 6.45).abs() - 0.11), Part::Rib);
 }
 
 /// Three shafts on the nave's face of the wall, from the pier up to the vault.
@@ -306,9 +354,9 @@ fn vault_shafts(from_pier: f32, out: f32, y: f32, near: &mut Nearest) {
     let across = out - NAVE_HALF_WIDTH;
     let middle = Vec2::new(from_pier, across + 0.05).length() - 0.22;
     let sides = Vec2::new(from_pier - 0.3, across).length() - 0.13;
-    let flare = ((y - 11.5) / 0.5).clamp(0.0, 1.0);
-    let ring = 0.05 * (1.0 - ((y - 11.45) / 0.06).abs()).max(0.0);
-    near.add((middle.min(sides) - 0.16 * flare * flare - ring).max(y - 12.15), Part::Rib);
+    let flare = ((y - 11.5) / 0.5).at_least(0.0).at_most(1.0);
+    let ring = 0.05 * (1.0 - ((y - 11.45) / 0.06).abs()).at_least(0.0);
+    near.add((middle.at_most(sides) - 0.16 * flare * flare - ring).at_least(y - 12.15), Part::Rib);
 }
 
 /// Quadripartite vault: two pointed barrels that cross, with ribs on the creases.
@@ -316,14 +364,14 @@ fn vault_shafts(from_pier: f32, out: f32, y: f32, near: &mut Nearest) {
 fn nave_vault(along: f32, out: f32, y: f32, near: &mut Nearest) {
     let main = NAVE_VAULT.distance(out, y);
     let cross = NAVE_CROSS_VAULT.distance(along, y);
-    near.add((-main.min(cross)).max(11.9 - y).max(out - 6.3), Part::Web);
+    near.add((-main.at_most(cross)).at_least(11.9 - y).at_least(out - 6.3), Part::Web);
     let above = 11.8 - y;
     let transverse = Vec2::new(HALF_BAY - along, main).length() - 0.3;
     let diagonal = Vec2::new(main, cross).length() * 0.85 - 0.15;
     let wall_rib = Vec2::new(cross, out - NAVE_HALF_WIDTH).length() - 0.13;
-    let ridges = Vec2::new(along.min(out), y - VAULT_RIDGE).length() - 0.1;
+    let ridges = Vec2::new(along.at_most(out), y - VAULT_RIDGE).length() - 0.1;
     let boss = Vec3::new(along, y - VAULT_RIDGE + 0.1, out).length() - 0.42;
-    near.add(transverse.min(diagonal).min(wall_rib).min(ridges).min(boss).max(above).max(out - 5.6), Part::Rib);
+    near.add(transverse.at_most(diagonal).at_most(wall_rib).at_most(ridges).at_most(boss).at_least(above).at_least(out - 5.6), Part::Rib);
 }
 
 /// Side aisle: low vault, outer wall, windows; closed at the east end.
@@ -333,26 +381,26 @@ fn aisle(p: Vec3, along: f32, out: f32, y: f32, near: &mut Nearest) {
         near.add(5.5 - out, Part::Web);
         return;
     }
-    let splay = (0.4 * (AISLE_GLASS - out)).clamp(0.0, 0.3);
+    let splay = (0.4 * (AISLE_GLASS - out)).at_least(0.0).at_most(0.3);
     let window = AISLE_WINDOW.distance(along, y);
-    near.add((OUTER_HALF_WIDTH - out).max(splay - window), Part::Wall);
-    near.add((AISLE_GLASS - out).max(window - 0.1), Part::Glass);
+    near.add((OUTER_HALF_WIDTH - out).at_least(splay - window), Part::Wall);
+    near.add((AISLE_GLASS - out).at_least(window - 0.1), Part::Glass);
     near.add(Vec2::new(y - 2.0, out - OUTER_HALF_WIDTH).length() - 0.1, Part::Rib);
-    near.add((p.x - EAST).max(6.3 - out), Part::Wall);
+    near.add((p.x - EAST).at_least(6.3 - out), Part::Wall);
 
     let from_pier = HALF_BAY - along;
     let shaft = Vec2::new(from_pier, out - OUTER_HALF_WIDTH).length() - 0.3;
-    let flare = ((y - 5.8) / 0.5).clamp(0.0, 1.0);
-    near.add((shaft - 0.15 * flare * flare).max(y - 6.45), Part::Rib);
+    let flare = ((y - 5.8) / 0.5).at_least(0.0).at_most(1.0);
+    near.add((shaft - 0.15 * flare * flare).at_least(y - 6.45), Part::Rib);
     if y > 4.5 {
         let across = (out - CENTER_OF_AISLE).abs();
         let main = AISLE_VAULT.distance(across, y);
         let cross = AISLE_CROSS_VAULT.distance(along, y);
-        let limits = (6.35 - y).max(5.8 - out);
-        near.add((-main.min(cross)).max(limits), Part::Web);
+        let limits = (6.35 - y).at_least(6.2 - out);
+        near.add((-main.at_most(cross)).at_least(limits), Part::Web);
         let transverse = Vec2::new(from_pier, main).length() - 0.26;
         let diagonal = Vec2::new(main, cross).length() * 0.85 - 0.12;
-        near.add(transverse.min(diagonal).max(limits), Part::Rib);
+        near.add(transverse.at_most(diagonal).at_least(limits), Part::Rib);
     }
 }
 
@@ -365,7 +413,7 @@ fn west_wall(p: Vec3, near: &mut Nearest) {
     let (height, radius) = ROSE;
     let from_rose = Vec2::new(p.z, p.y - height).length() - radius;
     let door = DOOR.distance(p.z.abs(), p.y);
-    let wall = before.max(-(from_rose.min(door)) + 0.3 * (0.5 + before).clamp(0.0, 0.5));
+    let wall = before.at_least(-(from_rose.at_most(door)) + 0.3 * (0.5 + before).at_least(0.0).at_most(0.5));
     near.add(wall, Part::Wall);
     near.add(before + 0.45, if from_rose < 0.2 { Part::Glass } else { Part::Wood });
     near.add(Vec2::new(from_rose - 0.35, before).length() - 0.14, Part::Rib);
@@ -376,78 +424,88 @@ fn apse(p: Vec3, near: &mut Nearest) {
     let (out, place, _) = apse_face(p);
     let (across, y) = (place.abs(), p.y);
     let window = APSE_WINDOW.distance(across, y);
-    let splay = (0.4 * (APSE_GLASS - out)).clamp(0.0, 0.18);
-    near.add((NAVE_HALF_WIDTH - out).max(splay - window), Part::Wall);
-    near.add((APSE_GLASS - out).max(window - 0.1), Part::Glass);
-    let vault = NAVE_VAULT.distance(out.max(0.0), y);
-    near.add((-vault).max(11.9 - y), Part::Web);
+    let splay = (0.4 * (APSE_GLASS - out)).at_least(0.0).at_most(0.18);
+    near.add((NAVE_HALF_WIDTH - out).at_least(splay - window), Part::Wall);
+    near.add((APSE_GLASS - out).at_least(window - 0.1), Part::Glass);
+    let vault = NAVE_VAULT.distance(out.at_least(0.0), y);
+    near.add((-vault).at_least(11.9 - y), Part::Web);
     let rib = Vec2::new((out / NAVE_HALF_WIDTH * APSE_HALF_FACE - across) * 0.95, vault).length() - 0.17;
     near.add(rib, Part::Rib);
     near.add(Vec2::new(y - 3.2, out - NAVE_HALF_WIDTH).length() - 0.11, Part::Rib);
-    near.add(Vec2::new(y - 12.1, out - NAVE_HALF_WIDTH).length().max(-0.15 - window) - 0.1, Part::Rib);
+    near.add(Vec2::new(y - 12.1, out - NAVE_HALF_WIDTH).length().at_least(-0.15 - window) - 0.1, Part::Rib);
 }
 
 fn chancel_arch(p: Vec3, near: &mut Nearest) {
+    let before = (p.x - EAST).abs();
+    if before > 1.6 {
+        near.add(before - 0.7, Part::Rib);
+        return;
+    }
     let vault = NAVE_VAULT.distance(p.z.abs(), p.y);
-    let beam = Vec2::new((p.x - EAST).abs() - 0.3, vault + 0.08).length() - 0.33;
-    near.add(beam.min((p.x - EAST).abs().max(-vault - 0.36) - 0.2), Part::Rib);
+    let beam = Vec2::new(before - 0.3, vault + 0.08).length() - 0.33;
+    near.add(beam.at_most(before.at_least(-vault - 0.36) - 0.2), Part::Rib);
 }
 
 /// Pews to both sides of the middle way.
 fn furniture(p: Vec3, out: f32, near: &mut Nearest) {
-    let region = ((p.x + 12.0).abs() - 8.2).min((p.x - 7.2).abs() - 3.6);
+    let region = ((p.x + 12.0).abs() - 8.2).at_most((p.x - 7.2).abs() - 3.6);
     let beside = (out - 2.85).abs() - 1.6;
-    let bound = region.max(beside).max(p.y - 1.05);
+    let bound = region.at_least(beside).at_least(p.y - 1.05);
     if bound > 0.8 {
         near.add(bound, Part::Wood);
         return;
     }
     let pitch = 1.1;
-    let x = p.x - pitch * (p.x / pitch).round();
+    let x = folded(p.x, pitch);
     let across = (out - 2.85).abs();
-    let back = (x.abs() - 0.03).max((p.y - 0.62).abs() - 0.3);
-    let seat = ((x + 0.2).abs() - 0.2).max((p.y - 0.44).abs() - 0.025);
-    let ends = ((x + 0.16).abs() - 0.26).max((across - 1.52).abs() - 0.035).max((p.y - 0.5).abs() - 0.52 + 0.6 * (x + 0.16).abs());
-    near.add(back.min(seat).max(across - 1.52).min(ends).max(region), Part::Wood);
+    let back = (x.abs() - 0.03).at_least((p.y - 0.62).abs() - 0.3);
+    let seat = ((x + 0.2).abs() - 0.2).at_least((p.y - 0.44).abs() - 0.025);
+    let ends = ((x + 0.16).abs() - 0.26).at_least((across - 1.52).abs() - 0.035).at_least((p.y - 0.5).abs() - 0.52 + 0.6 * (x + 0.16).abs());
+    near.add(back.at_most(seat).at_least(across - 1.52).at_most(ends).at_least(region), Part::Wood);
 }
 
 /// Iron rings over the axis, on chains.
 fn chandelier(p: Vec3, near: &mut Nearest) {
-    let spacing = 2.0 * CHANDELIER_HALF_SPACING;
-    let x = p.x - CHANDELIER_HALF_SPACING - spacing * ((p.x - CHANDELIER_HALF_SPACING) / spacing).round();
-    let radius = Vec2::new(x, p.z).length();
-    if p.x < EAST + 2.0 || p.x > 13.0 {
+    if p.x < EAST + 2.0 || p.x > 13.0 || p.z.abs() > 4.5 {
         return;
     }
+    let spacing = 2.0 * CHANDELIER_HALF_SPACING;
+    let x = folded(p.x - CHANDELIER_HALF_SPACING, spacing);
+    let radius = Vec2::new(x, p.z).length();
     let y = p.y - CHANDELIER_HEIGHT;
-    let bound = (radius - 1.4).max(-0.5 - y);
+    let bound = (radius - 1.4).at_least(-0.5 - y);
     if bound > 0.6 {
         near.add(bound, Part::Iron);
         return;
     }
-    let ring = Vec2::new(radius - CHANDELIER_RADIUS, 0.4 * (y + 0.12).abs().max(0.1) - 0.04).length() - 0.035;
+    let ring = (radius - CHANDELIER_RADIUS).abs().at_least((y + 0.02).abs() - 0.075) - 0.02;
     let upper = Vec2::new(radius - 0.55, y - 0.55).length() - 0.04;
-    let chain = (radius - 0.022 - 0.012 * (1.0 - (2.0 * (y * 4.0).fract() - 1.0).abs())).max(0.9 - y);
+    let chain = (radius - 0.022 - 0.012 * (1.0 - (2.0 * fraction(y * 4.0) - 1.0).abs())).at_least(0.9 - y);
     // Four stays from the lower ring to the chain.
-    let (a, b) = (x.abs().max(p.z.abs()), x.abs().min(p.z.abs()));
-    let lean = (a - CHANDELIER_RADIUS * (1.0 - y / 2.2).max(0.0)) * 0.886;
-    let stays = Vec2::new(lean, b).length().max(y - 2.2).max(-y) - 0.018;
-    near.add(ring.min(upper).min(chain).min(stays), Part::Iron);
+    let (a, b) = (x.abs().at_least(p.z.abs()), x.abs().at_most(p.z.abs()));
+    let lean = (a - CHANDELIER_RADIUS * (1.0 - y / 2.2).at_least(0.0)) * 0.886;
+    let stays = Vec2::new(lean, b).length().at_least(y - 2.2).at_least(-y) - 0.018;
+    near.add(ring.at_most(upper).at_most(chain).at_most(stays), Part::Iron);
 }
 
 fn altar(p: Vec3, near: &mut Nearest) {
     let q = Vec3::new(p.x + 29.3, p.y - 0.51, p.z);
+    let bound = boxed(q - Vec3::new(-0.3, 2.6, 0.0), Vec3::new(1.0, 2.6, 2.0));
+    if bound > 1.0 {
+        near.add(bound, Part::Marble);
+        return;
+    }
     let table = boxed(q - Vec3::new(0.0, 0.5, 0.0), Vec3::new(0.45, 0.5, 1.5));
     let top = boxed(q - Vec3::new(0.0, 1.04, 0.0), Vec3::new(0.6, 0.06, 1.7));
-    near.add(table.min(top), Part::Marble);
+    near.add(table.at_most(top), Part::Marble);
     let shrine = boxed(q - Vec3::new(-0.9, 1.3, 0.0), Vec3::new(0.15, 1.3, 1.9));
-    let gable = (shrine - 0.02).min(boxed(q - Vec3::new(-0.9, 2.8, 0.0), Vec3::new(0.12, 0.4, 0.8)));
+    let gable = (shrine - 0.02).at_most(boxed(q - Vec3::new(-0.9, 2.8, 0.0), Vec3::new(0.12, 0.4, 0.8)));
     let upright = boxed(q - Vec3::new(-0.8, 4.1, 0.0), Vec3::new(0.06, 1.0, 0.09));
     let bar = boxed(q - Vec3::new(-0.8, 4.5, 0.0), Vec3::new(0.06, 0.09, 0.55));
-    near.add(gable.min(upright).min(bar), Part::Gold);
+    near.add(gable.at_most(upright).at_most(bar), Part::Gold);
 }
 
 fn boxed(p: Vec3, half: Vec3) -> f32 {
     let q = p.abs() - half;
-    q.max(Vec3::ZERO).length() + q.max_element().min(0.0)
+    q.max(Vec3::ZERO).length() + q.max_element().at_most(0.0)
 }

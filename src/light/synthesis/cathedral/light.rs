@@ -9,7 +9,7 @@ use std::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::light::synthesis::cathedral::building::{self, Part};
+use crate::light::synthesis::cathedral::building::{self, Hit, Part};
 use crate::light::synthesis::cathedral::glass::{self, Window};
 use crate::light::synthesis::cathedral::surface;
 use crate::math::elementary;
@@ -175,7 +175,7 @@ fn beam_length(origin: Vec3, direction: Vec3, length: f32, plane: f32, inner: f3
 }
 
 /// Rays that each probe gathers with.
-const GATHER_COUNT: usize = 160;
+const GATHER_COUNT: usize = 128;
 /// Lowest corner, spacing and number of the probes.
 const GRID_ORIGIN: Vec3 = Vec3::new(-32.0, 0.7, -10.2);
 const GRID_SPACING: Vec3 = Vec3::new(3.0, 2.45, 1.7);
@@ -212,7 +212,7 @@ impl Probes {
                 check()?;
                 let position = position_of(index);
                 let is_air = building::distance(position) > 0.08;
-                Ok(is_air.then(|| directions.iter().map(|&direction| gather(position, direction, lamps)).collect()))
+                Ok(is_air.then(|| directions.iter().map(|&direction| gather(position, direction)).collect()))
             })
             .collect::<Result<_, E>>()?;
         let mut field = Self { probes: vec![Some([Vec3::ZERO; 6]); count] };
@@ -266,10 +266,9 @@ impl Probes {
     }
 }
 
-fn gather(position: Vec3, direction: Vec3, _lamps: &[Lamp]) -> Gathered {
-    let t = building::trace(position, direction, 0.0, 60.0).unwrap_or(60.0);
+fn gather(position: Vec3, direction: Vec3) -> Gathered {
+    let Hit { t, part } = building::trace(position, direction, 0.0, 80.0).unwrap_or(Hit { t: 80.0, part: Part::Wall });
     let point = position + direction * t;
-    let part = building::part(point);
     let albedo = surface::mean_albedo(part);
     let normal = building::normal(point, 0.02);
     let direct = if part == Part::Glass {

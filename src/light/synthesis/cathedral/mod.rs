@@ -16,20 +16,20 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::image::raster::Raster;
-use crate::light::envmap::EnvMap;
+use crate::light::envmap::{self, EnvMap};
 use crate::light::synthesis::PIXELS_PER_CHECK;
 use crate::light::synthesis::disk::Disk;
 use crate::math::elementary;
-use building::Part;
+use building::{Hit, Part};
 use light::{Lamp, Probes};
 
 /// Where the eye stands: in the middle way between the pews, under the vault's third bay.
 pub const EYE: Vec3 = Vec3::new(0.0, 1.9, 0.0);
 
-/// Rays per side of a pixel that is refined.
-const REFINED: usize = 3;
+/// Places of the further rays of a refined pixel, in pixels from its center: a square turned, so that no two share a row or column.
+const REFINEMENT: [(f64, f64); 4] = [(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)];
 /// Neighbors that differ by more than this ratio are refined.
-const CONTRAST: f32 = 1.18;
+const CONTRAST: f32 = 1.35;
 /// The farthest anything is, in meters.
 const FARTHEST: f32 = 80.0;
 /// Pixels per side of the tiles whose rays start together.
@@ -42,20 +42,30 @@ struct Interior {
     seed: u64,
 }
 
-/// Sines and cosines of sub-pixel positions are taken once per row and column.
-struct Grid {
-    width: usize,
-    columns: Vec<(f64, f64)>,
+/// What one ray through a pixel's center has found.
+#[derive(Debug, Clone, Copy, Default)]
+struct Seen {
+    /// Radiance of the surface.
+    surface: Vec3,
+    /// Radiance of the dust before it.
+    dust: Vec3,
+    /// Its distance.
+    t: f32,
 }
 
 /// Computes the map; `seed` varies stones and glass, not the building.
 pub fn map<E: Send>(seed: u64, width: usize, check: impl Fn() -> Result<(), E> + Sync) -> Result<EnvMap, E> {
+    let t0 = std::time::Instant::now();
     let lamps = light::lamps();
     let interior = Interior { probes: Probes::gathered(&lamps, &check)?, lamps, seed };
-    let grid = Grid::new(width);
-    let starts = interior.tile_starts(width, &check)?;
-    let coarse = interior.coarse(&grid, &starts, &check)?;
-    let mut map = EnvMap::new(interior.refined(&grid, &starts, &coarse, &check)?);
+    eprintln!("probes {:?}", t0.elapsed());
+    let starts = tile_starts(width, &check)?;
+    eprintln!("starts {:?}", t0.elapsed());
+    let seen = by_pixel(width, &check, |x, y| interior.seen(direction_in(width, x, y, (0.0, 0.0)), start_of(&starts, width, x, y)))?;
+    eprintln!("coarse {:?}", t0.elapsed());
+    eprintln!("edges {}", (0..width*width/2).filter(|i| is_edge(&seen,width,i%width,i/width)).count() as f64/(width*width/2) as f64);
+    let pixels = by_pixel(width, &check, |x, y| interior.refined(&seen, width, x, y).to_array())?;
+    let mut map = EnvMap::new(Raster::new(width, width / 2, pixels));
     for flame in light::flames() {
         add_flame(&mut map, &flame);
         check()?;
@@ -75,118 +85,85 @@ fn add_flame(map: &mut EnvMap, flame: &light::Flame) {
     disk.add_to(map, |_| true);
 }
 
-impl Grid {
-    fn new(width: usize) -> Self {
-        let at = |index| elementary::sin_cos((index as f64 + 0.5) * std::f64::consts::TAU / (width * REFINED) as f64);
-        Self { width, columns: (0..width * REFINED).map(at).collect() }
-    }
+/// All pixels, row by row, in parallel.
+fn by_pixel<T: Send + Copy + Default, E: Send>(
+    width: usize,
+    check: impl Fn() -> Result<(), E> + Sync,
+    pixel: impl Fn(usize, usize) -> T + Sync,
+) -> Result<Vec<T>, E> {
+    let mut pixels = vec![T::default(); width * width / 2];
+    pixels.par_chunks_mut(PIXELS_PER_CHECK).enumerate().try_for_each(|(part, values)| {
+        check()?;
+        for (offset, value) in values.iter_mut().enumerate() {
+            let index = part * PIXELS_PER_CHECK + offset;
+            *value = pixel(index % width, index / width);
+        }
+        Ok(())
+    })?;
+    Ok(pixels)
+}
 
-    /// Direction of sub-pixel (x, y), of which there are `REFINED` a side in a pixel.
-    fn direction(&self, x: usize, y: usize) -> Vec3 {
-        let (sin_theta, cos_theta) = self.row(y);
-        self.direction_in_row(x, sin_theta, cos_theta)
-    }
+/// Direction through pixel (x, y), `offset` pixels from its center.
+fn direction_in(width: usize, x: usize, y: usize, offset: (f64, f64)) -> Vec3 {
+    let angle = std::f64::consts::TAU / width as f64;
+    envmap::direction_at((y as f64 + 0.5 + offset.1) * angle, (x as f64 + 0.5 + offset.0) * angle).as_vec3()
+}
 
-    fn row(&self, y: usize) -> (f64, f64) {
-        elementary::sin_cos((y as f64 + 0.5) * std::f64::consts::PI / (self.width / 2 * REFINED) as f64)
+/// Distance that all rays of each tile may skip.
+fn tile_starts<E: Send>(width: usize, check: impl Fn() -> Result<(), E> + Sync) -> Result<Vec<f32>, E> {
+    let (columns, rows) = (width.div_ceil(TILE), (width / 2).div_ceil(TILE));
+    // Half a tile's diagonal, and a little more for rounding.
+    let spread = 0.72 * TILE as f32 * 2.0 * PI / width as f32;
+    if spread > 0.3 {
+        return Ok(vec![0.0; columns * rows]);
     }
-
-    fn direction_in_row(&self, x: usize, sin_theta: f64, cos_theta: f64) -> Vec3 {
-        let (sin_phi, cos_phi) = self.columns[x];
-        Vec3::new((sin_theta * cos_phi) as f32, cos_theta as f32, (sin_theta * sin_phi) as f32)
-    }
+    let middle = |tile: usize| tile * TILE + TILE / 2 - 1;
+    (0..columns * rows)
+        .into_par_iter()
+        .map(|index| {
+            check()?;
+            let direction = direction_in(width, middle(index % columns), middle(index / columns), (0.5, 0.5));
+            Ok(building::free_distance(EYE, direction, spread))
+        })
+        .collect()
 }
 
 impl Interior {
-    /// Distance that all rays of each tile may skip.
-    fn tile_starts<E: Send>(&self, width: usize, check: impl Fn() -> Result<(), E> + Sync) -> Result<Vec<f32>, E> {
-        let (columns, rows) = (width.div_ceil(TILE), (width / 2).div_ceil(TILE));
-        // Half a tile's diagonal, and a little more for rounding.
-        let spread = 0.72 * TILE as f32 * 2.0 * PI / width as f32;
-        if spread > 0.3 {
-            return Ok(vec![0.0; columns * rows]);
+    /// What one ray from the eye finds.
+    fn seen(&self, direction: Vec3, start: f32) -> Seen {
+        let hit = trace_to_wall(EYE, direction, start);
+        let dust = light::scattered(EYE, direction, hit.t, &self.lamps);
+        Seen { surface: self.shaded(EYE, direction, hit, true), dust, t: hit.t }
+    }
+
+    /// Radiance of a pixel: of one ray, or the mean of several where it differs from a neighbor.
+    fn refined(&self, seen: &[Seen], width: usize, x: usize, y: usize) -> Vec3 {
+        let here = seen[y * width + x];
+        if !is_edge(seen, width, x, y) {
+            return here.surface + here.dust;
         }
-        (0..columns * rows)
-            .into_par_iter()
-            .map(|index| {
-                check()?;
-                let middle = |tile: usize| (tile * TILE) as f64 + 0.5 * (TILE as f64 - 1.0);
-                let theta = (middle(index / columns) + 0.5) * std::f64::consts::TAU / width as f64;
-                let phi = (middle(index % columns) + 0.5) * std::f64::consts::TAU / width as f64;
-                let direction = crate::light::envmap::direction_at(theta, phi).as_vec3();
-                Ok(building::free_distance(EYE, direction, spread))
+        let nearest = neighbors(width, x, y).into_iter().map(|index| seen[index].t).fold(here.t, f32::min);
+        let start = (0.96 * nearest - 0.3).max(0.0);
+        let sum: Vec3 = REFINEMENT
+            .into_iter()
+            .map(|offset| {
+                let direction = direction_in(width, x, y, offset);
+                self.shaded(EYE, direction, trace_to_wall(EYE, direction, start), true)
             })
-            .collect()
+            .sum();
+        sum / REFINEMENT.len() as f32 + here.dust
     }
 
-    /// One ray through the middle of each pixel.
-    fn coarse<E: Send>(&self, grid: &Grid, starts: &[f32], check: impl Fn() -> Result<(), E> + Sync) -> Result<Vec<Vec3>, E> {
-        const { assert!(REFINED % 2 == 1, "the middle ray goes through the pixel's center") };
-        let middle = REFINED / 2;
-        let mut pixels = vec![Vec3::ZERO; grid.width * grid.width / 2];
-        pixels.par_chunks_mut(PIXELS_PER_CHECK.min(grid.width)).enumerate().try_for_each(|(part, pixels)| {
-            check()?;
-            for (offset, pixel) in pixels.iter_mut().enumerate() {
-                let index = part * PIXELS_PER_CHECK.min(grid.width) + offset;
-                let (x, y) = (index % grid.width, index / grid.width);
-                let direction = grid.direction(x * REFINED + middle, y * REFINED + middle);
-                *pixel = self.radiance(direction, start_of(starts, grid.width, x, y));
-            }
-            Ok(())
-        })?;
-        Ok(pixels)
-    }
-
-    /// The map: pixels that differ from a neighbor are means over a grid of rays.
-    fn refined<E: Send>(&self, grid: &Grid, starts: &[f32], coarse: &[Vec3], check: impl Fn() -> Result<(), E> + Sync) -> Result<Raster, E> {
-        let width = grid.width;
-        let mut raster = Raster::filled(width, width / 2, [0.0; 3]);
-        raster.pixels_mut().par_chunks_mut(PIXELS_PER_CHECK.min(width)).enumerate().try_for_each(|(part, pixels)| {
-            check()?;
-            for (offset, pixel) in pixels.iter_mut().enumerate() {
-                let index = part * PIXELS_PER_CHECK.min(width) + offset;
-                let (x, y) = (index % width, index / width);
-                let color = if is_edge(coarse, width, x, y) {
-                    self.mean_radiance(grid, x, y, start_of(starts, width, x, y), coarse[index])
-                } else {
-                    coarse[index]
-                };
-                *pixel = color.to_array();
-            }
-            Ok(())
-        })?;
-        Ok(raster)
-    }
-
-    fn mean_radiance(&self, grid: &Grid, x: usize, y: usize, start: f32, middle: Vec3) -> Vec3 {
-        let mut sum = middle;
-        for sub_y in 0..REFINED {
-            for sub_x in 0..REFINED {
-                if (sub_x, sub_y) != (REFINED / 2, REFINED / 2) {
-                    sum += self.radiance(grid.direction(x * REFINED + sub_x, y * REFINED + sub_y), start);
-                }
-            }
+    /// Radiance that the surface at `hit` sends to the ray's origin; mirrors once.
+    fn shaded(&self, origin: Vec3, direction: Vec3, hit: Hit, may_mirror: bool) -> Vec3 {
+        let p = origin + direction * hit.t;
+        if hit.part == Part::Glass
+            && let Some(radiance) = light::glass_radiance(p, direction, self.seed)
+        {
+            return radiance;
         }
-        sum / (REFINED * REFINED) as f32
-    }
-
-    /// Radiance that reaches the eye from `direction`.
-    fn radiance(&self, direction: Vec3, start: f32) -> Vec3 {
-        let t = building::trace(EYE, direction, start, FARTHEST).unwrap_or(FARTHEST);
-        self.shaded(EYE, direction, t, true) + light::scattered(EYE, direction, t, &self.lamps)
-    }
-
-    /// Radiance towards the ray's origin of the surface at distance `t`; mirrors once.
-    fn shaded(&self, origin: Vec3, direction: Vec3, t: f32, may_mirror: bool) -> Vec3 {
-        let p = origin + direction * t;
-        let part = building::part(p);
-        if part == Part::Glass {
-            if let Some(radiance) = light::glass_radiance(p, direction, self.seed) {
-                return radiance;
-            }
-        }
-        let n = building::normal(p, 0.001 + 2e-4 * t);
-        let surface = surface::surface(part, p, n, self.seed);
+        let n = building::normal(p, 0.001 + 2e-4 * hit.t);
+        let surface = surface::surface(hit.part, p, n, self.seed);
         let lifted = p + n * 0.02;
         let mut irradiance = self.probes.irradiance(p, surface.normal) * openness(p, n);
         let cosine = surface.normal.dot(light::TO_SUN);
@@ -198,28 +175,33 @@ impl Interior {
             return diffuse;
         }
         let share = schlick(surface.gloss, -direction.dot(surface.normal));
-        diffuse * (1.0 - share) + self.mirrored(lifted, direction, surface.normal) * share
+        let reflected = direction - 2.0 * direction.dot(surface.normal) * surface.normal;
+        diffuse * (1.0 - share) + self.shaded(lifted, reflected, trace_to_wall(lifted, reflected, 0.0), false) * share
     }
+}
 
-    fn mirrored(&self, p: Vec3, direction: Vec3, n: Vec3) -> Vec3 {
-        let reflected = direction - 2.0 * direction.dot(n) * n;
-        let t = building::trace(p, reflected, 0.0, FARTHEST).unwrap_or(FARTHEST);
-        self.shaded(p, reflected, t, false)
-    }
+/// The building is closed: a ray that escapes through a rounding error ends in the dark far away.
+fn trace_to_wall(origin: Vec3, direction: Vec3, start: f32) -> Hit {
+    building::trace(origin, direction, start, FARTHEST).unwrap_or(Hit { t: FARTHEST, part: Part::Wall })
 }
 
 fn start_of(starts: &[f32], width: usize, x: usize, y: usize) -> f32 {
     starts[y / TILE * width.div_ceil(TILE) + x / TILE]
 }
 
+/// The pixels left, right, above and below; columns go around.
+fn neighbors(width: usize, x: usize, y: usize) -> [usize; 4] {
+    let (left, right) = ((x + width - 1) % width, (x + 1) % width);
+    let (above, below) = (y.saturating_sub(1), (y + 1).min(width / 2 - 1));
+    [y * width + left, y * width + right, above * width + x, below * width + x]
+}
+
 /// Whether a pixel differs from one of its neighbors so much that one ray is not enough.
-fn is_edge(pixels: &[Vec3], width: usize, x: usize, y: usize) -> bool {
-    let height = width / 2;
-    let here = pixels[y * width + x];
-    let beside = [(x + 1) % width, (x + width - 1) % width].map(|x| pixels[y * width + x]);
-    let above = [y.saturating_sub(1), (y + 1).min(height - 1)].map(|y| pixels[y * width + x]);
-    let sum = |color: Vec3| color.element_sum();
-    beside.into_iter().chain(above).any(|there| sum(here) > CONTRAST * sum(there) || sum(there) > CONTRAST * sum(here))
+fn is_edge(seen: &[Seen], width: usize, x: usize, y: usize) -> bool {
+    // Differences far below the level of lit stone are not seen.
+    let level = |index: usize| (seen[index].surface + seen[index].dust).element_sum() + 0.05;
+    let here = level(y * width + x);
+    neighbors(width, x, y).into_iter().map(level).any(|there| here > CONTRAST * there || there > CONTRAST * here)
 }
 
 /// Share of the light of far surroundings that reaches a corner or crevice.
@@ -228,11 +210,10 @@ fn is_edge(pixels: &[Vec3], width: usize, x: usize, y: usize) -> bool {
 /// approximations for global illumination on dynamic scenes", 2006).
 fn openness(p: Vec3, n: Vec3) -> f32 {
     let mut closed = 0.0;
-    for (height, weight) in [(0.06, 1.0), (0.18, 0.75), (0.5, 0.45), (1.3, 0.28)] {
+    for (height, weight) in [(0.1, 0.30), (0.35, 0.30), (1.1, 0.26)] {
         closed += weight * (1.0 - building::distance(p + n * height) / (0.93 * height)).clamp(0.0, 1.0);
     }
-    let open = 1.0 - closed / 2.48;
-    open * open * 0.97 + 0.03
+    1.0 - closed
 }
 
 /// Schlick's approximation of Fresnel reflectance.

@@ -19,10 +19,10 @@ pub struct Surface {
 /// Mean albedo of a part, for light that has been reflected once already.
 pub fn mean_albedo(part: Part) -> Vec3 {
     match part {
-        Part::Floor => Vec3::new(0.20, 0.18, 0.155),
-        Part::Web => Vec3::new(0.42, 0.375, 0.31),
-        Part::Rib => Vec3::new(0.36, 0.315, 0.25),
-        Part::Wall => Vec3::new(0.34, 0.295, 0.235),
+        Part::Floor => Vec3::new(0.13, 0.115, 0.095),
+        Part::Web => Vec3::new(0.30, 0.265, 0.21),
+        Part::Rib => Vec3::new(0.25, 0.215, 0.165),
+        Part::Wall => Vec3::new(0.23, 0.195, 0.145),
         Part::Glass => Vec3::splat(0.04),
         Part::Wood => Vec3::new(0.085, 0.042, 0.018),
         Part::Iron => Vec3::splat(0.025),
@@ -51,7 +51,7 @@ fn noise_at(p: Vec3, scale: f64, octaves: u32, seed: u64) -> f32 {
 
 /// Weathered stone: large stains and fine grain.
 fn stained(part: Part, p: Vec3, n: Vec3, amount: f32, seed: u64) -> Surface {
-    let stain = noise_at(p, 0.9, 3, seed) + 0.6 * noise_at(p, 7.0, 2, seed ^ 1);
+    let stain = noise_at(p, 0.8, 2, seed) + 0.6 * noise_at(p, 6.0, 1, seed ^ 1);
     let albedo = mean_albedo(part) * (1.0 + amount * 1.3 * stain).clamp(0.35, 1.7);
     Surface { albedo, normal: n, gloss: 0.0 }
 }
@@ -85,7 +85,7 @@ fn courses(p: Vec3, n: Vec3, seed: u64) -> Surface {
 
 /// Polished tiles set cornerwise, dark and light, with veins; a border of plain slabs along the piers.
 fn floor(p: Vec3, n: Vec3, seed: u64) -> Surface {
-    let size = 0.62;
+    let size = 0.52;
     let out = p.z.abs();
     let is_border = (4.75..6.9).contains(&out) && p.x > building::EAST;
     let rotated = Vec2::new(p.x + p.z, p.x - p.z) * std::f32::consts::FRAC_1_SQRT_2;
@@ -98,20 +98,20 @@ fn floor(p: Vec3, n: Vec3, seed: u64) -> Surface {
     let is_dark = !is_border && (i + j) % 2 != 0;
     // Veins: where a warped noise crosses zero. Every tile was cut elsewhere, hence the shift.
     let cut = DVec3::new(p.x as f64, drawn as f64 * 40.0, p.z as f64);
-    let vein = (1.0 - 9.0 * (perlin(cut * 2.1, seed ^ 3) + 0.5 * perlin(cut * 5.3, seed ^ 4)).abs() as f32).max(0.0);
-    let cloud = 1.0 + 0.5 * noise_at(p + Vec3::Y * drawn * 30.0, 3.0, 2, seed ^ 5);
+    let vein = (1.0 - 16.0 * perlin(cut * 2.6, seed ^ 3).abs() as f32).max(0.0);
+    let cloud = 1.0 + 0.5 * noise_at(p + Vec3::Y * drawn * 30.0, 4.0, 1, seed ^ 5);
     let albedo = if is_dark {
-        Vec3::new(0.035, 0.033, 0.036) * cloud * (0.8 + 0.4 * drawn) + Vec3::splat(0.07 * vein)
+        Vec3::new(0.022, 0.021, 0.023) * cloud * (0.8 + 0.4 * drawn) + Vec3::splat(0.05 * vein)
     } else if is_border {
-        Vec3::new(0.21, 0.17, 0.13) * cloud * (0.85 + 0.3 * drawn)
+        Vec3::new(0.15, 0.12, 0.09) * cloud * (0.85 + 0.3 * drawn)
     } else {
-        Vec3::new(0.40, 0.36, 0.30) * cloud * (0.85 + 0.3 * drawn) * (1.0 - 0.35 * vein)
+        Vec3::new(0.28, 0.25, 0.205) * cloud * (0.85 + 0.3 * drawn) * (1.0 - 0.22 * vein)
     };
     let is_joint = to_joint < 0.006;
     // Wear: tiles lie a little out of level and are waved by centuries of feet.
     let tilt = Vec2::new(lattice_uniform(i, j, 2, seed) - 0.5, lattice_uniform(i, j, 3, seed) - 0.5) * 0.012;
     let point = p.as_dvec3() * 2.3;
-    let wave = Vec2::new(perlin(point, seed ^ 6) as f32, perlin(point + DVec3::splat(31.7), seed ^ 6) as f32) * 0.012;
+    let wave = Vec2::new(0.014, 0.006) * perlin(point, seed ^ 6) as f32;
     let normal = if n.y > 0.9 { (n + Vec3::new(tilt.x + wave.x, 0.0, tilt.y + wave.y)).normalize() } else { n };
     Surface { albedo: albedo * if is_joint { 0.45 } else { 1.0 }, normal, gloss: if is_joint || n.y < 0.9 { 0.0 } else { 0.045 } }
 }
