@@ -160,7 +160,7 @@ const DOOR: Arch = Arch { half_span: 1.3, overshoot: 1.0, spring: 3.0 };
 
 /// Distance to the nearest surface, a lower bound; positive in air.
 pub fn distance(p: Vec3) -> f32 {
-    nearest(p).distance
+    above_floor(p).distance.at_most(p.y)
 }
 
 /// Unit normal of the surface near `p`, into the air.
@@ -182,28 +182,32 @@ pub struct Hit {
 }
 
 /// Follows a ray from `start` to the first surface; `None` if it meets none before `end`.
+///
+/// The floor is met by its equation: stepping towards a plane at a flat angle would take ever smaller steps.
 pub fn trace(origin: Vec3, direction: Vec3, start: f32, end: f32) -> Option<Hit> {
+    let to_floor = if direction.y < 0.0 { -origin.y / direction.y } else { f32::INFINITY };
+    let end_of_air = end.at_most(to_floor);
     let mut t = start;
-    let mut near = nearest(origin + direction * t);
+    let mut near = above_floor(origin + direction * t);
     for _ in 0..160 {
         if near.distance < 4e-4 + 7e-4 * t {
             break;
         }
         t += near.distance;
-        if t >= end {
-            return None;
+        if t >= end_of_air {
+            return (to_floor < end).then_some(Hit { t: to_floor, part: Part::Floor });
         }
-        near = nearest(origin + direction * t);
+        near = above_floor(origin + direction * t);
     }
     Some(Hit { t, part: near.part })
 }
 
-/// How far all rays within `spread` (tangent of the half angle) of `direction` are free.
+/// How far all rays within `spread` (tangent of the half angle) of `direction` are free, but for the floor.
 pub fn free_distance(origin: Vec3, direction: Vec3, spread: f32) -> f32 {
     let mut t = 0.0;
     for _ in 0..60 {
         // What is left of the ball beside the cone's own width is free for every ray of the cone.
-        let margin = distance(origin + direction * t) - spread * t;
+        let margin = above_floor(origin + direction * t).distance - spread * t;
         if margin < 0.05 + 0.2 * spread * t {
             break;
         }
@@ -256,8 +260,11 @@ pub fn apse_face(p: Vec3) -> (f32, f32, i32) {
     best
 }
 
-fn nearest(p: Vec3) -> Nearest {
-    let mut near = Nearest { distance: floor_distance(p), part: Part::Floor };
+fn above_floor(p: Vec3) -> Nearest {
+    let mut near = Nearest { distance: f32::MAX, part: Part::Floor };
+    if p.x < -20.0 {
+        near.add(steps(p), Part::Floor);
+    }
     if p.x < EAST { apse(p, &mut near) } else { nave(p, &mut near) }
     chancel_arch(p, &mut near);
     if p.x < -18.0 {
@@ -269,10 +276,11 @@ fn nearest(p: Vec3) -> Nearest {
     near
 }
 
-fn floor_distance(p: Vec3) -> f32 {
+/// The steps up to the choir and to the altar.
+fn steps(p: Vec3) -> f32 {
     let aisle = p.z.abs() - 5.0;
     let step = |at: f32, height: f32| (p.x - at).at_least(p.y - height).at_least(aisle);
-    p.y.at_most(step(-22.0, 0.17)).at_most(step(-22.45, 0.34)).at_most(step(-25.5, 0.51))
+    step(-22.0, 0.17).at_most(step(-22.45, 0.34)).at_most(step(-25.5, 0.51))
 }
 
 fn nave(p: Vec3, near: &mut Nearest) {

@@ -9,7 +9,7 @@ use std::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::light::synthesis::cathedral::building::{self, Hit, Part};
+use crate::light::synthesis::cathedral::building::{self, Hit, Opening, Part};
 use crate::light::synthesis::cathedral::glass::{self, Window};
 use crate::light::synthesis::cathedral::surface;
 use crate::math::elementary;
@@ -17,15 +17,15 @@ use crate::math::elementary;
 /// Unit direction towards the sun: south (+z), high, a little west.
 pub const TO_SUN: Vec3 = Vec3::new(0.248_069, 0.847_569, 0.469_180);
 /// Irradiance of the sun on a surface that faces it, before the glass.
-const SUN: Vec3 = Vec3::new(150.0, 135.0, 108.0);
+const SUN: Vec3 = Vec3::new(125.0, 108.0, 80.0);
 /// Intensity of one chandelier, as a point far away.
-const CHANDELIER: Vec3 = Vec3::new(30.0, 17.0, 7.0);
+const CHANDELIER: Vec3 = Vec3::new(62.0, 34.0, 13.0);
 /// Intensity of the altar's candles together.
-const ALTAR: Vec3 = Vec3::new(12.0, 6.2, 2.2);
+const ALTAR: Vec3 = Vec3::new(30.0, 15.5, 5.5);
 /// Dust in the air: scattering per meter. Light is scattered evenly to all sides.
-const DUST: f32 = 0.0075;
+const DUST: f32 = 0.0042;
 /// What light there is where none of the above reaches.
-const REST: Vec3 = Vec3::new(0.012, 0.011, 0.012);
+const REST: Vec3 = Vec3::new(0.006, 0.0055, 0.006);
 
 /// A lamp as far surfaces see it.
 #[derive(Debug, Clone, Copy)]
@@ -81,9 +81,9 @@ fn flame(position: Vec3, radius: f32, intensity: Vec3) -> Flame {
 
 /// Radiance of the daylight behind a window, as seen from inside in direction `view`: bright above, dim towards the ground.
 pub fn daylight(window: &Window, view: Vec3) -> Vec3 {
-    let sky = Vec3::new(50.0, 56.0, 66.0) * (0.62 + 0.5 * view.y.clamp(-0.4, 1.0));
+    let sky = Vec3::new(28.0, 31.0, 35.5) * (0.62 + 0.5 * view.y.clamp(-0.4, 1.0));
     let near_sun = window.outward.dot(TO_SUN).max(0.0);
-    sky + Vec3::new(72.0, 62.0, 44.0) * near_sun
+    sky + Vec3::new(40.0, 34.0, 24.0) * near_sun
 }
 
 /// Radiance of a window at a point of its glass, pane by pane; tracery is dark.
@@ -122,18 +122,8 @@ pub fn sun(p: Vec3, panes: impl Fn(&Window) -> Option<Vec3>) -> Vec3 {
 pub fn scattered(origin: Vec3, direction: Vec3, length: f32, lamps: &[Lamp]) -> Vec3 {
     let phase = DUST / (4.0 * PI);
     let mut sum = Vec3::ZERO;
-    for (plane, inner, opening) in [
-        (building::CLERESTORY_GLASS, building::NAVE_HALF_WIDTH, building::CLERESTORY_WINDOW),
-        (building::AISLE_GLASS, building::OUTER_HALF_WIDTH, building::AISLE_WINDOW),
-    ] {
-        for bay in -4..=2 {
-            for side in [-0.5, 0.5] {
-                let half = 0.5 * opening.arch.half_span;
-                let low = Vec2::new(building::BAY * bay as f32 + side * opening.arch.half_span - 0.9 * half, opening.sill);
-                let high = Vec2::new(low.x + 1.8 * half, opening.arch.spring + 0.6);
-                sum += SUN * glass::MEAN_TRANSMITTANCE * beam_length(origin, direction, length, plane, inner, low, high);
-            }
-        }
+    for beams in [&CLERESTORY_BEAMS, &AISLE_BEAMS] {
+        sum += SUN * glass::mean_transmittance(Some(beams.opening)) * beams.length(origin, direction, length);
     }
     for lamp in lamps {
         let to_lamp = lamp.position - origin;
@@ -149,29 +139,56 @@ pub fn scattered(origin: Vec3, direction: Vec3, length: f32, lamps: &[Lamp]) -> 
     sum * phase
 }
 
-/// Length of the part of a ray that lies in the beam of a window between `low` and `high` in the plane z = `plane`.
-fn beam_length(origin: Vec3, direction: Vec3, length: f32, plane: f32, inner: f32, low: Vec2, high: Vec2) -> f32 {
-    let (mut from, mut to) = (0.0, length);
-    let slope = Vec2::new(TO_SUN.x, TO_SUN.y) / TO_SUN.z;
-    // The place on the window that the sun's ray through a point of our ray comes from is linear in t.
-    let start = Vec2::new(origin.x, origin.y) + slope * (plane - origin.z);
-    let speed = Vec2::new(direction.x, direction.y) - slope * direction.z;
-    // The nave's own wall cuts the beams of the aisles off on its far side.
-    let far = if plane > 8.0 { 5.2 } else { -building::NAVE_HALF_WIDTH };
-    for (value, rate, least, most) in
-        [(start.x, speed.x, low.x, high.x), (start.y, speed.y, low.y, high.y), (origin.z, direction.z, far, inner)]
-    {
-        if rate.abs() < 1e-6 {
-            if value < least || value > most {
-                return 0.0;
-            }
-            continue;
+/// The beams of a row of windows: two to each, since the mullion parts it.
+struct Beams {
+    opening: Opening,
+    /// z of the glass.
+    plane: f32,
+    /// Where the beams lie in z: from the wall that stops them to the face of their own.
+    reach: (f32, f32),
+}
+
+const CLERESTORY_BEAMS: Beams = Beams {
+    opening: building::CLERESTORY_WINDOW,
+    plane: building::CLERESTORY_GLASS,
+    reach: (-building::NAVE_HALF_WIDTH, building::NAVE_HALF_WIDTH),
+};
+const AISLE_BEAMS: Beams = Beams {
+    opening: building::AISLE_WINDOW,
+    plane: building::AISLE_GLASS,
+    reach: (building::NAVE_HALF_WIDTH, building::OUTER_HALF_WIDTH),
+};
+
+impl Beams {
+    /// Length of the parts of a ray that lie in these beams.
+    fn length(&self, origin: Vec3, direction: Vec3, length: f32) -> f32 {
+        // The place on the glass that the sun's ray through a point of our ray comes from is linear in t.
+        let slope = Vec2::new(TO_SUN.x, TO_SUN.y) / TO_SUN.z;
+        let start = Vec2::new(origin.x, origin.y) + slope * (self.plane - origin.z);
+        let speed = Vec2::new(direction.x, direction.y) - slope * direction.z;
+        let height = (self.opening.sill, self.opening.arch.spring + 0.6);
+        let within = clipped((0.0, length), origin.z, direction.z, self.reach);
+        let (from, to) = clipped(within, start.y, speed.y, height);
+        if from >= to {
+            return 0.0;
         }
-        let (a, b) = ((least - value) / rate, (most - value) / rate);
-        from = f32::max(from, a.min(b));
-        to = f32::min(to, a.max(b));
+        let half_light = 0.45 * self.opening.arch.half_span;
+        let middles = (-4..=2).flat_map(|bay| [-0.5, 0.5].map(|side| building::BAY * bay as f32 + side * self.opening.arch.half_span));
+        middles
+            .map(|middle| {
+                let (from, to) = clipped((from, to), start.x, speed.x, (middle - half_light, middle + half_light));
+                (to - from).max(0.0)
+            })
+            .sum()
     }
-    (to - from).max(0.0)
+}
+
+/// The part of the interval `from..to` of t in which `value + rate t` is between the two bounds.
+fn clipped((from, to): (f32, f32), value: f32, rate: f32, (low, high): (f32, f32)) -> (f32, f32) {
+    // A rate of almost nothing is made a little something: the bounds are then far away, on the right sides.
+    let inverse = 1.0 / if rate.abs() < 1e-6 { 1e-6 } else { rate };
+    let (a, b) = ((low - value) * inverse, (high - value) * inverse);
+    (from.max(a.min(b)), to.min(a.max(b)))
 }
 
 /// Rays that each probe gathers with.
@@ -272,10 +289,10 @@ fn gather(position: Vec3, direction: Vec3) -> Gathered {
     let albedo = surface::mean_albedo(part);
     let normal = building::normal(point, 0.02);
     let direct = if part == Part::Glass {
-        glass::MEAN_TRANSMITTANCE * 0.8 * daylight(&glass::window_at(point), direction)
+        { let window = glass::window_at(point); glass::mean_transmittance(window.opening) * daylight(&window, direction) }
     } else {
         let cosine = normal.dot(TO_SUN);
-        if cosine > 0.0 { albedo / PI * cosine * sun(point + normal * 0.02, |_| Some(glass::MEAN_TRANSMITTANCE)) } else { Vec3::ZERO }
+        if cosine > 0.0 { albedo / PI * cosine * sun(point + normal * 0.02, |window| Some(glass::mean_transmittance(window.opening))) } else { Vec3::ZERO }
     };
     Gathered { direction, point, normal, albedo, direct }
 }

@@ -29,7 +29,7 @@ pub const EYE: Vec3 = Vec3::new(0.0, 1.9, 0.0);
 /// Places of the further rays of a refined pixel, in pixels from its center: a square turned, so that no two share a row or column.
 const REFINEMENT: [(f64, f64); 4] = [(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)];
 /// Neighbors that differ by more than this ratio are refined.
-const CONTRAST: f32 = 1.35;
+const CONTRAST: f32 = 1.45;
 /// The farthest anything is, in meters.
 const FARTHEST: f32 = 80.0;
 /// Pixels per side of the tiles whose rays start together.
@@ -162,7 +162,7 @@ impl Interior {
         {
             return radiance;
         }
-        let n = building::normal(p, 0.001 + 2e-4 * hit.t);
+        let n = if hit.part == Part::Floor && p.y < 1e-3 { Vec3::Y } else { building::normal(p, 0.001 + 2e-4 * hit.t) };
         let surface = surface::surface(hit.part, p, n, self.seed);
         let lifted = p + n * 0.02;
         let mut irradiance = self.probes.irradiance(p, surface.normal) * openness(p, n);

@@ -118,5 +118,5 @@ fn floor(p: Vec3, n: Vec3, seed: u64) -> Surface {
 
 fn wood(p: Vec3, n: Vec3, seed: u64) -> Surface {
     let grain = noise_at(p * Vec3::new(9.0, 9.0, 0.8), 1.0, 2, seed);
-    Surface { albedo: mean_albedo(Part::Wood) * (1.0 + 0.7 * grain), normal: n, gloss: 0.03 }
+    Surface { albedo: mean_albedo(Part::Wood) * (1.0 + 0.7 * grain), normal: n, gloss: 0.0 }
 }
