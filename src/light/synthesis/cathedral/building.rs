@@ -188,18 +188,18 @@ pub fn trace(origin: Vec3, direction: Vec3, start: f32, end: f32) -> Option<Hit>
     let to_floor = if direction.y < 0.0 { -origin.y / direction.y } else { f32::INFINITY };
     let end_of_air = end.at_most(to_floor);
     let mut t = start;
-    let mut near = above_floor(origin + direction * t);
     for _ in 0..160 {
-        if near.distance < 4e-4 + 7e-4 * t {
-            break;
-        }
-        t += near.distance;
         if t >= end_of_air {
             return (to_floor < end).then_some(Hit { t: to_floor, part: Part::Floor });
         }
-        near = above_floor(origin + direction * t);
+        let near = above_floor(origin + direction * t);
+        if near.distance < 4e-4 + 7e-4 * t {
+            return Some(Hit { t, part: near.part });
+        }
+        t += near.distance;
     }
-    Some(Hit { t, part: near.part })
+    // A ray that creeps along a wall this long is as good as on it.
+    Some(Hit { t, part: above_floor(origin + direction * t).part })
 }
 
 /// How far all rays within `spread` (tangent of the half angle) of `direction` are free, but for the floor.
@@ -228,7 +228,7 @@ pub fn floor(x: f32) -> f32 {
 /// Distance of `x` from the nearest multiple of `period`.
 #[inline(always)]
 fn folded(x: f32, period: f32) -> f32 {
-    x - period * floor(x / period + 0.5)
+    x - period * floor(x * (1.0 / period) + 0.5)
 }
 
 /// The part of `x` after the point.
@@ -285,19 +285,14 @@ fn steps(p: Vec3) -> f32 {
 
 fn nave(p: Vec3, near: &mut Nearest) {
     let (along, out, y) = (fold_bay(p.x), p.z.abs(), p.y);
-    west_wall(p, near);
+    near.add(VAULT_RIDGE + 0.6 - y, Part::Web);
     arcade(along, out, y, near);
-    if out > 5.0 || y < 11.0 {
-        aisle(p, along, out, y, near);
-    }
-    if y > 9.5 {
+    west_wall(p, near);
+    aisle(p, along, out, y, near);
+    if 11.8 - y < near.distance {
         nave_vault(along, out, y, near);
-    } else {
-        near.add(11.0 - y, Part::Web);
     }
-    if y < 7.5 {
-        furniture(p, out, near);
-    }
+    furniture(p, out, near);
     chandelier(p, near);
 }
 
@@ -305,14 +300,10 @@ fn nave(p: Vec3, near: &mut Nearest) {
 #[inline(always)]
 fn arcade(along: f32, out: f32, y: f32, near: &mut Nearest) {
     let depth = (out - PIER_DISTANCE).abs();
-    if depth > 2.5 {
-        near.add(depth - 1.1, Part::Wall);
+    if depth - 1.15 > near.distance {
         return;
     }
     let from_pier = HALF_BAY - along;
-    if y < 7.2 {
-        pier(from_pier, out - PIER_DISTANCE, y, near);
-    }
     let opening = ARCADE.distance(along, y);
     let outer_order = (depth - 0.55).at_least(0.3 - opening);
     let middle_order = (depth - 0.4).at_least(0.14 - opening);
@@ -331,7 +322,10 @@ fn arcade(along: f32, out: f32, y: f32, near: &mut Nearest) {
         near.add(Vec2::new(opening - 0.5, depth - 0.55).length().at_least((0.05 - from_pier).at_least(6.5 - y)) - 0.07, Part::Rib);
     }
     near.add(wall, Part::Wall);
-    if y > 6.3 {
+    if y - 6.6 < near.distance {
+        pier(from_pier, out - PIER_DISTANCE, y, near);
+    }
+    if 6.4 - y < near.distance {
         vault_shafts(from_pier, out, y, near);
     }
 }
@@ -340,8 +334,7 @@ fn arcade(along: f32, out: f32, y: f32, near: &mut Nearest) {
 #[inline(always)]
 fn pier(along: f32, across: f32, y: f32, near: &mut Nearest) {
     let (a, b) = (along.abs().at_least(across.abs()), along.abs().at_most(across.abs()));
-    if a > 2.0 {
-        near.add(a - 1.15, Part::Rib);
+    if a - 1.15 > near.distance {
         return;
     }
     let core = Vec2::new(a, b).length() - 0.6;
@@ -360,11 +353,14 @@ fn pier(along: f32, across: f32, y: f32, near: &mut Nearest) {
 #[inline(always)]
 fn vault_shafts(from_pier: f32, out: f32, y: f32, near: &mut Nearest) {
     let across = out - NAVE_HALF_WIDTH;
+    if from_pier.at_least(across.abs()) - 0.65 > near.distance {
+        return;
+    }
     let middle = Vec2::new(from_pier, across + 0.05).length() - 0.22;
     let sides = Vec2::new(from_pier - 0.3, across).length() - 0.13;
     let flare = ((y - 11.5) / 0.5).at_least(0.0).at_most(1.0);
     let ring = 0.05 * (1.0 - ((y - 11.45) / 0.06).abs()).at_least(0.0);
-    near.add((middle.at_most(sides) - 0.16 * flare * flare - ring).at_least(y - 12.15), Part::Rib);
+    near.add((middle.at_most(sides) - 0.16 * flare * flare - ring).at_least(y - 12.15).at_least(6.4 - y), Part::Rib);
 }
 
 /// Quadripartite vault: two pointed barrels that cross, with ribs on the creases.
@@ -385,8 +381,7 @@ fn nave_vault(along: f32, out: f32, y: f32, near: &mut Nearest) {
 /// Side aisle: low vault, outer wall, windows; closed at the east end.
 #[inline(always)]
 fn aisle(p: Vec3, along: f32, out: f32, y: f32, near: &mut Nearest) {
-    if out < 4.8 {
-        near.add(5.5 - out, Part::Web);
+    if 5.9 - out > near.distance {
         return;
     }
     let splay = (0.4 * (AISLE_GLASS - out)).at_least(0.0).at_most(0.3);
@@ -397,10 +392,12 @@ fn aisle(p: Vec3, along: f32, out: f32, y: f32, near: &mut Nearest) {
     near.add((p.x - EAST).at_least(6.3 - out), Part::Wall);
 
     let from_pier = HALF_BAY - along;
-    let shaft = Vec2::new(from_pier, out - OUTER_HALF_WIDTH).length() - 0.3;
-    let flare = ((y - 5.8) / 0.5).at_least(0.0).at_most(1.0);
-    near.add((shaft - 0.15 * flare * flare).at_least(y - 6.45), Part::Rib);
-    if y > 4.5 {
+    if (OUTER_HALF_WIDTH - out).at_least(from_pier) - 0.5 < near.distance {
+        let shaft = Vec2::new(from_pier, out - OUTER_HALF_WIDTH).length() - 0.3;
+        let flare = ((y - 5.8) / 0.5).at_least(0.0).at_most(1.0);
+        near.add((shaft - 0.15 * flare * flare).at_least(y - 6.45), Part::Rib);
+    }
+    if 6.35 - y < near.distance {
         let across = (out - CENTER_OF_AISLE).abs();
         let main = AISLE_VAULT.distance(across, y);
         let cross = AISLE_CROSS_VAULT.distance(along, y);
@@ -414,8 +411,7 @@ fn aisle(p: Vec3, along: f32, out: f32, y: f32, near: &mut Nearest) {
 
 fn west_wall(p: Vec3, near: &mut Nearest) {
     let before = WEST - p.x;
-    if before > 2.0 {
-        near.add(before - 0.6, Part::Wall);
+    if before - 0.3 > near.distance {
         return;
     }
     let (height, radius) = ROSE;
@@ -445,8 +441,7 @@ fn apse(p: Vec3, near: &mut Nearest) {
 
 fn chancel_arch(p: Vec3, near: &mut Nearest) {
     let before = (p.x - EAST).abs();
-    if before > 1.6 {
-        near.add(before - 0.7, Part::Rib);
+    if before - 0.7 > near.distance {
         return;
     }
     let vault = NAVE_VAULT.distance(p.z.abs(), p.y);
@@ -459,8 +454,7 @@ fn furniture(p: Vec3, out: f32, near: &mut Nearest) {
     let region = ((p.x + 12.0).abs() - 8.2).at_most((p.x - 7.2).abs() - 3.6);
     let beside = (out - 2.85).abs() - 1.6;
     let bound = region.at_least(beside).at_least(p.y - 1.05);
-    if bound > 0.8 {
-        near.add(bound, Part::Wood);
+    if bound > near.distance {
         return;
     }
     let pitch = 1.1;
@@ -482,8 +476,7 @@ fn chandelier(p: Vec3, near: &mut Nearest) {
     let radius = Vec2::new(x, p.z).length();
     let y = p.y - CHANDELIER_HEIGHT;
     let bound = (radius - 1.4).at_least(-0.5 - y);
-    if bound > 0.6 {
-        near.add(bound, Part::Iron);
+    if bound > near.distance {
         return;
     }
     let ring = (radius - CHANDELIER_RADIUS).abs().at_least((y + 0.02).abs() - 0.075) - 0.02;
@@ -499,8 +492,7 @@ fn chandelier(p: Vec3, near: &mut Nearest) {
 fn altar(p: Vec3, near: &mut Nearest) {
     let q = Vec3::new(p.x + 29.3, p.y - 0.51, p.z);
     let bound = boxed(q - Vec3::new(-0.3, 2.6, 0.0), Vec3::new(1.0, 2.6, 2.0));
-    if bound > 1.0 {
-        near.add(bound, Part::Marble);
+    if bound > near.distance {
         return;
     }
     let table = boxed(q - Vec3::new(0.0, 0.5, 0.0), Vec3::new(0.45, 0.5, 1.5));

@@ -23,7 +23,7 @@ const CHANDELIER: Vec3 = Vec3::new(62.0, 34.0, 13.0);
 /// Intensity of the altar's candles together.
 const ALTAR: Vec3 = Vec3::new(30.0, 15.5, 5.5);
 /// Dust in the air: scattering per meter. Light is scattered evenly to all sides.
-const DUST: f32 = 0.0042;
+const DUST: f32 = 0.0065;
 /// What light there is where none of the above reaches.
 const REST: Vec3 = Vec3::new(0.006, 0.0055, 0.006);
 
@@ -198,8 +198,16 @@ const GRID_ORIGIN: Vec3 = Vec3::new(-32.0, 0.7, -10.2);
 const GRID_SPACING: Vec3 = Vec3::new(3.0, 2.45, 1.7);
 const GRID_COUNT: [usize; 3] = [16, 8, 13];
 
-/// Irradiance for the six directions +x -x +y -y +z -z at one point; `None` inside stone.
-type Probe = Option<[Vec3; 6]>;
+/// Irradiance at one point.
+#[derive(Debug, Clone, Copy)]
+struct Probe {
+    /// For the six directions +x -x +y -y +z -z.
+    sides: [Vec3; 6],
+    /// What it counts beside others: 1 in air, little inside stone, where it only repeats its neighbors.
+    weight: f32,
+}
+
+const DARK: Probe = Probe { sides: [Vec3::ZERO; 6], weight: 1.0 };
 
 /// Diffuse light throughout the building.
 pub struct Probes {
@@ -232,10 +240,12 @@ impl Probes {
                 Ok(is_air.then(|| directions.iter().map(|&direction| gather(position, direction)).collect()))
             })
             .collect::<Result<_, E>>()?;
-        let mut field = Self { probes: vec![Some([Vec3::ZERO; 6]); count] };
+        let mut field = Self { probes: vec![DARK; count] };
         for _bounce in 0..3 {
-            let probes = hits.par_iter().enumerate().map(|(index, hits)| field.summed(position_of(index), hits.as_deref(), lamps));
-            field = Self { probes: probes.collect() };
+            check()?;
+            let sums = |(index, hits): (usize, &Option<Vec<Gathered>>)| Some(field.summed(position_of(index), hits.as_deref()?, lamps));
+            let gathered: Vec<Option<Probe>> = hits.par_iter().enumerate().map(sums).collect();
+            field = Self { probes: filled_from_neighbors(gathered) };
         }
         Ok(field)
     }
@@ -253,18 +263,18 @@ impl Probes {
         for corner in 0..8_usize {
             let [i, j, k] = [corner & 1, corner >> 1 & 1, corner >> 2];
             let index = ((cell.x as usize + i) * GRID_COUNT[1] + cell.y as usize + j) * GRID_COUNT[2] + cell.z as usize + k;
-            let Some(probe) = &self.probes[index] else { continue };
+            let probe = &self.probes[index];
             let pick = |upper: usize, f: f32| if upper == 1 { f } else { 1.0 - f };
-            let facing = (position_of(index) - p).normalize_or_zero().dot(n) * 0.5 + 0.5;
-            let weight = (pick(i, f.x) * pick(j, f.y) * pick(k, f.z) + 1e-4) * (facing * facing + 0.03);
-            sum += projected(probe, n) * weight;
+            let height = (position_of(index) - p).dot(n);
+            let facing = 0.5 + 0.5 * height / (height.abs() + 1.0);
+            let weight = pick(i, f.x) * pick(j, f.y) * pick(k, f.z) * (facing * facing + 0.01) * probe.weight;
+            sum += projected(&probe.sides, n) * weight;
             weights += weight;
         }
-        REST + if weights > 0.0 { sum / weights } else { Vec3::ZERO }
+        REST + sum / weights
     }
 
-    fn summed(&self, position: Vec3, hits: Option<&[Gathered]>, lamps: &[Lamp]) -> Probe {
-        let hits = hits?;
+    fn summed(&self, position: Vec3, hits: &[Gathered], lamps: &[Lamp]) -> Probe {
         let mut sides = [Vec3::ZERO; 6];
         let weight = 4.0 * PI / hits.len() as f32;
         for hit in hits {
@@ -279,8 +289,32 @@ impl Probes {
                 add(&mut sides, to_lamp / distance, lamp.intensity / (distance * distance).max(1.0));
             }
         }
-        Some(sides)
+        Probe { sides, weight: 1.0 }
     }
+}
+
+/// Gives probes inside stone the mean of their neighbors, so that between probes light varies without a step.
+fn filled_from_neighbors(mut probes: Vec<Option<Probe>>) -> Vec<Probe> {
+    let [_, rows, columns] = GRID_COUNT;
+    for weight in [0.08, 0.02, 0.005] {
+        let before = probes.clone();
+        for (index, probe) in probes.iter_mut().enumerate().filter(|(_, probe)| probe.is_none()) {
+            let place = [index / (rows * columns), index / columns % rows, index % columns];
+            let (mut sides, mut count) = ([Vec3::ZERO; 6], 0.0);
+            for (axis, stride) in [rows * columns, columns, 1].into_iter().enumerate() {
+                let below = (place[axis] > 0).then(|| before[index - stride]).flatten();
+                let above = (place[axis] + 1 < GRID_COUNT[axis]).then(|| before[index + stride]).flatten();
+                for neighbor in below.into_iter().chain(above) {
+                    sides = std::array::from_fn(|side| sides[side] + neighbor.sides[side]);
+                    count += 1.0;
+                }
+            }
+            if count > 0.0 {
+                *probe = Some(Probe { sides: sides.map(|side| side / count), weight });
+            }
+        }
+    }
+    probes.into_iter().map(|probe| probe.unwrap_or(Probe { weight: 0.001, ..DARK })).collect()
 }
 
 fn gather(position: Vec3, direction: Vec3) -> Gathered {
