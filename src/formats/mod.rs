@@ -3,9 +3,8 @@
 //! Pure functions over byte slices; reading and writing files is the caller's work. The reader is chosen
 //! by content, never by name, and no reader gives storage before the header's size has passed `Limits`.
 //! Adding a format is one file here and one row in `FORMATS`. Reading order: `pfm`, `hdr`, `exr`, then
-//! the display formats `png` and `ppm` with `display` between them and linear light, then `npy`, `npz`.
+//! the formats of pictures `png` and `ppm`, then `npy`, `npz`.
 
-pub mod display;
 pub mod exr;
 pub mod hdr;
 pub mod npy;
@@ -172,6 +171,9 @@ impl FormatError {
     }
 }
 
+/// Encodes a picture.
+pub type WritePicture = fn(&Picture, &[Entry<'_>]) -> Result<Encoded, FormatError>;
+
 /// One row of the table of formats.
 pub struct Format {
     /// Its name in `save:` and its first file extension.
@@ -187,7 +189,7 @@ pub struct Format {
     /// Encodes linear light.
     pub write: fn(&Image, &[Entry<'_>]) -> Result<Encoded, FormatError>,
     /// Encodes a picture; `None` where the format holds linear light only.
-    pub write_picture: Option<fn(&Picture, &[Entry<'_>]) -> Result<Encoded, FormatError>>,
+    pub write_picture: Option<WritePicture>,
     /// The origin entries inside a file.
     pub origin: fn(&[u8]) -> Vec<(String, String)>,
 }

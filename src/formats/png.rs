@@ -10,6 +10,7 @@ use std::io::Cursor;
 use ::png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations};
 
 use super::{Decoded, ENTRY_PREFIX, Encoded, Entry, Format, FormatError, Limits};
+use crate::image::display;
 use crate::image::raster::{Image, Picture, PictureSamples};
 
 /// The row of this format.
@@ -68,7 +69,7 @@ pub fn read(bytes: &[u8], limits: &Limits) -> Result<Decoded, FormatError> {
 
 /// Writes linear light as a picture of 8 bits, clipped and sRGB-encoded, with its alpha.
 pub fn write(image: &Image, entries: &[Entry<'_>]) -> Result<Encoded, FormatError> {
-    let (picture, mut warnings) = super::display::encoded(image);
+    let (picture, mut warnings) = display::encoded(image);
     warnings.extend(super::layers_left_out(image, TITLE));
     Ok((write_picture(&picture, entries)?.0, warnings))
 }
@@ -118,7 +119,7 @@ fn split<T: Copy + Into<u16>>(values: &[T], color_type: ColorType) -> (Vec<[T; 3
     let channels = color_type.samples();
     let pixels = values.chunks_exact(channels);
     let colors = pixels.clone().map(|pixel| if channels < 3 { [pixel[0]; 3] } else { [pixel[0], pixel[1], pixel[2]] }).collect();
-    let has_alpha = channels % 2 == 0;
+    let has_alpha = matches!(color_type, ColorType::GrayscaleAlpha | ColorType::Rgba);
     (colors, has_alpha.then(|| pixels.map(|pixel| pixel[channels - 1].into()).collect()))
 }
 

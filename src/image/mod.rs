@@ -5,6 +5,7 @@
 pub mod average;
 pub mod color;
 pub mod colormap;
+pub mod display;
 pub mod drawing;
 pub mod filter;
 pub mod flip;

@@ -5,7 +5,8 @@
 use serde::Serialize;
 
 use crate::formats::{self, Content, Encoded, FormatError, Limits};
-use crate::image::raster::{Image, Layer, PictureSamples, Raster};
+use crate::image::display;
+use crate::image::raster::{Layer, PictureSamples, Raster};
 use crate::light::envmap;
 
 /// What an image file holds.
@@ -95,8 +96,7 @@ pub fn convert(bytes: &[u8], input_name: &str, output_name: &str, limits: &Limit
         (Content::Display(picture), Some(write)) => write(&picture, &[])?,
         (Content::Display(picture), None) => {
             warnings.push("a picture for displays was made linear by the sRGB curve".into());
-            let image: Image = formats::display::decoded(&picture);
-            (format.write)(&image, &[])?
+            (format.write)(&display::decoded(&picture), &[])?
         }
     };
     warnings.extend(more);
@@ -157,6 +157,7 @@ mod tests {
     use std::f64::consts::PI;
 
     use super::*;
+    use crate::image::raster::Image;
 
     #[test]
     fn a_constant_map_integrates_to_the_whole_sphere() {

@@ -15,6 +15,7 @@ use crate::engine::job::Job;
 use crate::engine::parameter::InputFile;
 use crate::engine::stage::{InputSizes, InputTypes, Mistake, ResultDeclaration, Stage, StageError};
 use crate::formats::{self, Content, Decoded, Limits};
+use crate::image::display;
 use crate::image::filter::{self, Rows};
 use crate::image::raster::{Image, Layer, Plane, Raster};
 use crate::light::envmap::{Angles, EnvMap};
@@ -272,7 +273,7 @@ impl Load {
             (Content::Linear(image), _) => Ok(Image::opaque(image.color)),
             (Content::Display(picture), Some(LoadAs::Image)) => {
                 job.warn("a picture for displays was made linear by the sRGB curve");
-                Ok(formats::display::decoded(&picture))
+                Ok(display::decoded(&picture))
             }
             (Content::Display(_), _) => Err(StageError::content_with_hint(
                 format!("`{}` is a picture for displays (format {}), not radiance", formats::escaped(name), decoded.format),

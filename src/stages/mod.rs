@@ -33,6 +33,7 @@ use crate::stages::profile::ProfileStage;
 use crate::stages::sample::SampleStage;
 
 /// All kinds and artifact types of the program.
+#[rustfmt::skip] // One row a line.
 pub fn registry() -> Registry {
     Registry::default()
         .with::<average::Average>()
