@@ -12,6 +12,7 @@ pub mod grid;
 pub mod load;
 pub mod mark;
 pub mod median_cut;
+pub mod names;
 pub mod plot;
 pub mod profile;
 pub mod relight;
@@ -25,4 +26,8 @@ use crate::engine::registry::Registry;
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
     Registry::default()
+        .with::<table::Collect>()
+        .with::<plot::Plot>()
+        .with_artifact::<crate::figure::chart::Chart>()
+        .with_artifact::<crate::figure::table::Table>()
 }
