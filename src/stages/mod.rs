@@ -6,6 +6,7 @@
 pub mod artifacts;
 pub mod average;
 pub mod compare;
+pub mod conversion;
 pub mod distribution;
 pub mod fresnel;
 pub mod grid;
@@ -22,6 +23,8 @@ pub mod table;
 pub mod tone_map;
 
 use crate::engine::registry::Registry;
+use crate::image::raster::{Image, Picture};
+use crate::light::envmap::EnvMap;
 
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
@@ -30,4 +33,8 @@ pub fn registry() -> Registry {
         .with::<plot::Plot>()
         .with_artifact::<crate::figure::chart::Chart>()
         .with_artifact::<crate::figure::table::Table>()
+        .with::<load::Load>()
+        .with_artifact::<Image>()
+        .with_artifact::<Picture>()
+        .with_artifact::<EnvMap>()
 }
