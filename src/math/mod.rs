@@ -3,6 +3,7 @@
 //! Knows no image, no file and no clock. Reading order: `elementary`, `sphere`, `stream`, `statistics`.
 
 pub mod elementary;
+pub mod single;
 pub mod sphere;
 pub mod statistics;
 pub mod stream;

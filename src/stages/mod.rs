@@ -16,6 +16,7 @@ pub mod median_cut;
 pub mod names;
 pub mod plot;
 pub mod profile;
+pub mod rasters;
 pub mod relight;
 pub mod sample;
 pub mod synthesize;
@@ -33,6 +34,9 @@ pub fn registry() -> Registry {
         .with::<plot::Plot>()
         .with_artifact::<crate::figure::chart::Chart>()
         .with_artifact::<crate::figure::table::Table>()
+        .with::<average::Average>()
+        .with::<compare::Compare>()
+        .with::<tone_map::ToneMap>()
         .with::<load::Load>()
         .with_artifact::<Image>()
         .with_artifact::<Picture>()
