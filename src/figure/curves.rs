@@ -178,7 +178,7 @@ fn column_label(column: &Column, names: &BTreeMap<String, String>) -> String {
 }
 
 /// A value for the legend: text by itself, a number with its column's name; nothing for an empty cell.
-fn value_label(column: &Column, cell: &Cell, names: &BTreeMap<String, String>) -> Option<String> {
+pub fn value_label(column: &Column, cell: &Cell, names: &BTreeMap<String, String>) -> Option<String> {
     let text = cell.to_string();
     match cell {
         Cell::Empty => None,

@@ -24,6 +24,8 @@ pub mod table;
 pub mod tone_map;
 
 use crate::engine::registry::Registry;
+use crate::figure::chart::Chart;
+use crate::figure::table::Table;
 use crate::image::raster::{Image, Picture};
 use crate::light::envmap::EnvMap;
 
@@ -32,8 +34,9 @@ pub fn registry() -> Registry {
     Registry::default()
         .with::<table::Collect>()
         .with::<plot::Plot>()
-        .with_artifact::<crate::figure::chart::Chart>()
-        .with_artifact::<crate::figure::table::Table>()
+        .with::<grid::Grid>()
+        .with_artifact::<Chart>()
+        .with_artifact::<Table>()
         .with::<average::Average>()
         .with::<compare::Compare>()
         .with::<tone_map::ToneMap>()

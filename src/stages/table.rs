@@ -97,7 +97,8 @@ fn cells(columns: &[(String, Scalar)]) -> Vec<(String, Cell)> {
     columns.iter().map(|(name, value)| (name.clone(), cell(value))).collect()
 }
 
-fn cell(value: &Scalar) -> Cell {
+/// The value of an axis as a cell.
+pub fn cell(value: &Scalar) -> Cell {
     match value {
         Scalar::Boolean(value) => Cell::Boolean(*value),
         Scalar::Integer(value) => Cell::Integer(*value),
