@@ -425,7 +425,8 @@ fn read_blocks(
         }
         let blocks: Vec<_> = batch.into_par_iter().map(|chunk| UncompressedBlock::decompress_chunk(chunk, &meta, false)).collect();
         for block in blocks {
-            storage.place(&block.map_err(|error| block_error(&error))?, window);
+            let place = format!("block (compression {})", header.compression);
+            storage.place(&block.map_err(|error| translated(&error, &place))?, window);
         }
     }
 }
@@ -537,7 +538,7 @@ fn text_attributes(header: &Header) -> impl Iterator<Item = (String, String)> {
 }
 
 fn header_error(error: &ExrError) -> FormatError {
-    translated(error, "header")
+    translated(error, "header or attribute")
 }
 
 fn block_error(error: &ExrError) -> FormatError {

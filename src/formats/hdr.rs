@@ -267,16 +267,12 @@ struct Pixels {
     size: usize,
 }
 
-/// Decodes all scan lines. Memory is taken as lines come, so that a lying header costs nothing.
+/// Decodes all scan lines. Room is taken as lines come, so that a lying header costs nothing.
 fn pixels(bytes: &[u8], line_count: usize, line_length: usize, factors: [f64; 3]) -> Result<Pixels, FormatError> {
-    if bytes.len() / shortest_line(line_length) < line_count {
-        let problem = format!("{} bytes of pixels are too few for {line_count} scanlines of {line_length} pixels", bytes.len());
-        return Err(FormatError::truncated(TITLE, problem));
-    }
     let scales = scales(factors);
-    let mut input = Input { bytes, position: 0 };
+    let mut input = Input { bytes, position: 0, run: Run::default() };
     let mut line = vec![[0; 4]; line_length];
-    let mut values = Vec::with_capacity(line_count * line_length);
+    let mut values = Vec::new();
     for index in 0..line_count {
         read_line(&mut input, &mut line).map_err(|fault| fault.error(index))?;
         values.extend(line.iter().map(|[r, g, b, e]| {
@@ -284,14 +280,11 @@ fn pixels(bytes: &[u8], line_count: usize, line_length: usize, factors: [f64; 3]
             [scale[0] * f64::from(*r), scale[1] * f64::from(*g), scale[2] * f64::from(*b)].map(|value| value as f32)
         }));
     }
+    if input.run.left > 0 {
+        return Err(Fault::Breaks("a run is longer than the picture".into()).error(line_count - 1));
+    }
+    values.shrink_to_fit();
     Ok(Pixels { values, size: input.position })
-}
-
-/// The fewest bytes that a scan line of this length can take.
-fn shortest_line(length: usize) -> usize {
-    let old_runs = if length == 1 { 4 } else { 8 };
-    let channel_runs = 4 + 4 * 2 * length.div_ceil(127);
-    if CHANNEL_RUN_WIDTHS.contains(&length) { old_runs.min(channel_runs) } else { old_runs }
 }
 
 /// The value of one unit of mantissa, by exponent and channel.
@@ -318,6 +311,18 @@ impl Fault {
 struct Input<'a> {
     bytes: &'a [u8],
     position: usize,
+    run: Run,
+}
+
+/// Where an old run stands; it may go on in the next line.
+#[derive(Default)]
+struct Run {
+    /// The pixel that a run repeats.
+    previous: Option<Rgbe>,
+    /// Repetitions that the line before had no place for.
+    left: usize,
+    /// Weight of the next count byte, as a number of bits.
+    shift: u32,
 }
 
 impl Input<'_> {
@@ -339,9 +344,10 @@ impl Input<'_> {
 fn read_line(input: &mut Input<'_>, line: &mut [Rgbe]) -> Result<(), Fault> {
     let rest = &input.bytes[input.position..];
     let is_channel_wise = CHANNEL_RUN_WIDTHS.contains(&line.len()) && rest.len() >= 4 && rest[..2] == [2, 2] && rest[2] < 128;
-    if !is_channel_wise {
+    if !is_channel_wise || input.run.left > 0 {
         return read_pixel_runs(input, line);
     }
+    input.run = Run::default();
     let [_, _, high, low] = input.pixel()?;
     let width = usize::from(high) << 8 | usize::from(low);
     if width != line.len() {
@@ -374,26 +380,34 @@ fn read_channel_runs(input: &mut Input<'_>, line: &mut [Rgbe], channel: usize) -
 }
 
 /// Flat pixels and old run lengths: (1, 1, 1, n) repeats the pixel before, further ones count in higher bytes.
+///
+/// Some writers let a run go on over the end of a line.
 fn read_pixel_runs(input: &mut Input<'_>, line: &mut [Rgbe]) -> Result<(), Fault> {
-    let (mut x, mut shift) = (0, 0);
+    let mut x = 0;
     while x < line.len() {
+        if let (Some(previous), 1..) = (input.run.previous, input.run.left) {
+            let count = input.run.left.min(line.len() - x);
+            line[x..x + count].fill(previous);
+            input.run.left -= count;
+            x += count;
+            continue;
+        }
         let pixel = input.pixel()?;
         if pixel[..3] != [1, 1, 1] {
             line[x] = pixel;
-            (x, shift) = (x + 1, 0);
+            input.run = Run { previous: Some(pixel), ..Run::default() };
+            x += 1;
             continue;
         }
-        if x == 0 {
+        if input.run.previous.is_none() {
             return Err(Fault::Breaks("a run with no previous pixel".into()));
         }
-        // No line is longer than 2^16, so a third count byte can only be 0.
-        let count = usize::from(pixel[3]).checked_shl(shift).filter(|_| shift <= 16).unwrap_or(usize::MAX);
-        if count > line.len() - x {
-            return Err(Fault::Breaks("a run is longer than the line".into()));
+        // Four count bytes are more than any picture within the limits has pixels.
+        if input.run.shift > 24 {
+            return Err(Fault::Breaks("a run is longer than the picture".into()));
         }
-        let previous = line[x - 1];
-        line[x..x + count].fill(previous);
-        (x, shift) = (x + count, shift + 8);
+        input.run.left = usize::from(pixel[3]) << input.run.shift;
+        input.run.shift += 8;
     }
     Ok(())
 }
@@ -532,5 +546,9 @@ mod tests {
         data.extend([1, 1, 1, 43, 1, 1, 1, 1]);
         let picture = color(&file("", "-Y 1 +X 300", &data));
         assert!(picture.pixels().iter().all(|pixel| *pixel == [200.0, 100.0, 50.0]));
+        // The same run over the lines of a taller picture.
+        let picture = color(&file("", "-Y 30 +X 10", &data));
+        assert!(picture.pixels().iter().all(|pixel| *pixel == [200.0, 100.0, 50.0]));
+        assert!(read(&file("", "-Y 29 +X 10", &data), &Limits::default()).is_err());
     }
 }

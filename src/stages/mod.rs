@@ -25,6 +25,12 @@ pub mod tone_map;
 use crate::engine::registry::Registry;
 use crate::image::raster::{Image, Picture};
 use crate::light::envmap::EnvMap;
+use crate::light::lights::LightSet;
+use crate::light::distribution::Distribution;
+use crate::light::samples::SampleSet;
+use crate::stages::distribution::DistributionStage;
+use crate::stages::profile::ProfileStage;
+use crate::stages::sample::SampleStage;
 
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
@@ -36,4 +42,14 @@ pub fn registry() -> Registry {
         .with_artifact::<Image>()
         .with_artifact::<Picture>()
         .with_artifact::<EnvMap>()
+        .with::<fresnel::Fresnel>()
+        .with::<mark::Mark>()
+        .with::<median_cut::MedianCut>()
+        .with::<relight::Relight>()
+        .with_artifact::<LightSet>()
+        .with_artifact::<Distribution>()
+        .with_artifact::<SampleSet>()
+        .with::<DistributionStage>()
+        .with::<ProfileStage>()
+        .with::<SampleStage>()
 }
