@@ -194,8 +194,8 @@ mod tests {
     #[test]
     fn a_small_variance_on_a_large_mean_is_not_lost() {
         // In f32 squares of 4096 have steps of 1; the variance is 1/4 of a step of the values.
-        let average = averaged(&[image([4096.0; 3]), image([4096.000_5; 3])]);
-        let step = f64::from(4096.000_5_f32) - 4096.0;
+        let average = averaged(&[image([4096.0; 3]), image([4_096.000_5; 3])]);
+        let step = f64::from(4_096.000_5_f32) - 4096.0;
         assert_eq!(layer(&average, VARIANCE), [(step * step / 2.0) as f32; 3]);
     }
 

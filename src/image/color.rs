@@ -29,14 +29,14 @@ pub fn srgb_decode(v: f64) -> f64 {
 
 /// Linear RGB to CIE XYZ: the matrix that follows from the chromaticities of Rec. 709 and D65 (0.3127, 0.3290).
 pub const XYZ_OF_RGB: [[f32; 3]; 3] =
-    [[0.412_386_56, 0.357_591_49, 0.180_450_49], [0.212_636_82, 0.715_182_98, 0.072_180_2], [0.019_330_62, 0.119_197_16, 0.950_372_59]];
+    [[0.412_386_56, 0.357_591_49, 0.180_450_49], [0.212_636_82, 0.715_182_98, 0.072_180_2], [0.019_330_62, 0.119_197_16, 0.950_372_6]];
 
 /// CIE XYZ to linear RGB: the inverse of [`XYZ_OF_RGB`].
 pub const RGB_OF_XYZ: [[f32; 3]; 3] =
     [[3.241_003_2, -1.537_398_9, -0.498_615_86], [-0.969_224_33, 1.875_930_1, 0.041_554_224], [0.055_639_423, -0.204_011_2, 1.057_148_9]];
 
 /// XYZ of the white (1, 1, 1).
-pub const WHITE_XYZ: [f32; 3] = [0.950_428_55, 1.0, 1.088_900_37];
+pub const WHITE_XYZ: [f32; 3] = [0.950_428_55, 1.0, 1.088_900_3];
 
 /// Linear RGB to YCxCz without its constants: (Yn, Xn - Yn, Yn - Zn), each of X, Y, Z over that of white.
 ///

@@ -21,8 +21,8 @@ impl Colormap {
     ///
     /// The entry is floor(255 v + 1/2), so each of the 256 codes of an 8-bit value has a color of its own.
     pub fn color(self, value: f64) -> [u8; 3] {
-        // The larger of a NaN and zero is zero.
-        let entry = (255.0 * value.max(0.0).min(1.0) + 0.5) as usize;
+        // A NaN becomes the integer 0.
+        let entry = (255.0 * value.clamp(0.0, 1.0) + 0.5) as usize;
         let [_, red, green, blue] = self.table()[entry].to_be_bytes();
         [red, green, blue]
     }
