@@ -154,7 +154,9 @@ impl Names {
                 self.taken.insert(folded, (path.to_owned(), stage.to_owned()));
                 Ok(())
             }
-            Some((other, other_stage)) if other == path => Err(format!("would publish {}, the same file as stage {}", quoted(path), quoted(other_stage))),
+            Some((other, other_stage)) if other == path => {
+                Err(format!("would publish {}, the same file as stage {}", quoted(path), quoted(other_stage)))
+            }
             Some((other, other_stage)) => Err(format!(
                 "would publish {}, which differs only in case from {} of stage {}",
                 quoted(path),
