@@ -5,6 +5,7 @@
 
 pub mod artifact;
 pub mod axes;
+pub mod canonical;
 pub mod coordinate;
 pub mod diagnostic;
 pub mod document;
@@ -19,6 +20,7 @@ pub mod reference;
 pub mod registry;
 pub mod relation;
 pub mod request;
+pub mod save;
 pub mod schedule;
 pub mod schema;
 pub mod source;
