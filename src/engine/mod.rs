@@ -4,6 +4,7 @@
 //! `registry` (the tables), then the path of a run.
 
 pub mod artifact;
+pub mod axes;
 pub mod coordinate;
 pub mod diagnostic;
 pub mod document;
@@ -16,7 +17,13 @@ pub mod parameter;
 pub mod publish;
 pub mod reference;
 pub mod registry;
+pub mod relation;
+pub mod request;
 pub mod schedule;
+pub mod schema;
+pub mod source;
 pub mod stage;
 pub mod store;
+pub mod substitution;
 pub mod sweep;
+pub mod yaml;
