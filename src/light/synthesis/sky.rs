@@ -44,10 +44,8 @@ impl SunSky {
     pub fn map<E: Send>(&self, width: usize, check: impl Fn() -> Result<(), E> + Sync) -> Result<EnvMap, E> {
         let sky = Sky::new(self);
         let ground = sky.ground(self.ground_albedo);
-        let columns: Vec<(f64, f64)> =
-            (0..width).map(|x| elementary::sin_cos(phi_of_column(x, width, Angles::Center))).collect();
-        let rows: Vec<(f64, f64)> =
-            (0..width / 2).map(|y| elementary::sin_cos(theta_of_row(y, width / 2, Angles::Center))).collect();
+        let columns: Vec<(f64, f64)> = (0..width).map(|x| elementary::sin_cos(phi_of_column(x, width, Angles::Center))).collect();
+        let rows: Vec<(f64, f64)> = (0..width / 2).map(|y| elementary::sin_cos(theta_of_row(y, width / 2, Angles::Center))).collect();
         let mut map = filled(width, &check, |x, y| {
             let ((sin_phi, cos_phi), (sin_theta, cos_theta)) = (columns[x], rows[y]);
             let direction = DVec3::new(sin_theta * cos_phi, cos_theta, sin_theta * sin_phi);
@@ -100,27 +98,9 @@ impl Sky {
         let center = direction_at(sun_theta, parameters.sun_azimuth_degrees * PI / 180.0);
         let chi = (4.0 / 9.0 - t / 120.0) * (PI - 2.0 * sun_theta);
         let zenith = (4.0453 * t - 4.9710) * elementary::tan(chi) - 0.2155 * t + 2.4192;
-        let luminance = [
-            0.1787 * t - 1.4630,
-            -0.3554 * t + 0.4275,
-            -0.0227 * t + 5.3251,
-            0.1206 * t - 2.5771,
-            -0.0670 * t + 0.3703,
-        ];
-        let x = [
-            -0.0193 * t - 0.2592,
-            -0.0665 * t + 0.0008,
-            -0.0004 * t + 0.2125,
-            -0.0641 * t - 0.8989,
-            -0.0033 * t + 0.0452,
-        ];
-        let y = [
-            -0.0167 * t - 0.2608,
-            -0.0950 * t + 0.0092,
-            -0.0079 * t + 0.2102,
-            -0.0441 * t - 1.6537,
-            -0.0109 * t + 0.0529,
-        ];
+        let luminance = [0.1787 * t - 1.4630, -0.3554 * t + 0.4275, -0.0227 * t + 5.3251, 0.1206 * t - 2.5771, -0.0670 * t + 0.3703];
+        let x = [-0.0193 * t - 0.2592, -0.0665 * t + 0.0008, -0.0004 * t + 0.2125, -0.0641 * t - 0.8989, -0.0033 * t + 0.0452];
+        let y = [-0.0167 * t - 0.2608, -0.0950 * t + 0.0092, -0.0079 * t + 0.2102, -0.0441 * t - 1.6537, -0.0109 * t + 0.0529];
         let zenith_x = zenith_chromaticity(&ZENITH_X, t, sun_theta);
         let zenith_y = zenith_chromaticity(&ZENITH_Y, t, sun_theta);
         Self {
@@ -224,7 +204,15 @@ fn bell(x: f64, middle: f64, left: f64, right: f64) -> f64 {
 /// Linear Rec. 709 of CIE XYZ; what lies outside the triangle is clipped to its edge.
 fn rgb_of(xyz: DVec3) -> Rgb {
     let to_rgb = DMat3::from_cols_array(&[
-        3.240_454_2, -0.969_266, 0.055_643_4, -1.537_138_5, 1.876_010_8, -0.204_025_9, -0.498_531_4, 0.041_556, 1.057_225_2,
+        3.240_454_2,
+        -0.969_266,
+        0.055_643_4,
+        -1.537_138_5,
+        1.876_010_8,
+        -0.204_025_9,
+        -0.498_531_4,
+        0.041_556,
+        1.057_225_2,
     ]);
     (to_rgb * xyz).to_array().map(|channel| channel.max(0.0))
 }
@@ -260,7 +248,8 @@ mod tests {
     fn black_body_and_luminosity_give_the_known_efficacy() {
         // 93 lm/W for 5772 K, over sigma T^4 / pi.
         let step = 1.0;
-        let luminous: f64 = (0..450).map(|k| black_body(360.0 + f64::from(k), 5772.0) * color_matching(360.0 + f64::from(k)).y * step).sum();
+        let luminous: f64 =
+            (0..450).map(|k| black_body(360.0 + f64::from(k), 5772.0) * color_matching(360.0 + f64::from(k)).y * step).sum();
         let total = 5.670_374e-8 * 5772.0 * 5772.0 * 5772.0 * 5772.0 / PI;
         let efficacy = 683.0 * luminous / total;
         assert!((efficacy - 93.0).abs() < 1.5, "{efficacy}");
@@ -270,7 +259,8 @@ mod tests {
     fn the_brightest_pixel_is_where_the_sun_stands() {
         let sky = SunSky { sun_elevation_degrees: 30.0, sun_azimuth_degrees: 200.0, ..SunSky::default() };
         let map = map(&sky, 256);
-        let brightest = (0..256 * 128).max_by(|&a, &b| luminance(map.raster.pixels()[a]).total_cmp(&luminance(map.raster.pixels()[b]))).unwrap();
+        let brightest =
+            (0..256 * 128).max_by(|&a, &b| luminance(map.raster.pixels()[a]).total_cmp(&luminance(map.raster.pixels()[b]))).unwrap();
         let direction = map.direction(brightest % 256, brightest / 256);
         let expected = direction_at(60.0 * PI / 180.0, 200.0 * PI / 180.0);
         // One pixel is 1.4 degrees.

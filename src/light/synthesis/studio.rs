@@ -171,7 +171,9 @@ mod tests {
     #[test]
     fn a_polygon_lights_as_a_sum_over_its_parts_does() {
         let corners = [[-1.0, -0.5, 2.0], [1.0, -0.5, 2.5], [1.0, 1.5, 2.5], [-1.0, 1.5, 2.0]].map(DVec3::from_array);
-        for (p, n) in [(DVec3::ZERO, DVec3::Z), (DVec3::new(0.3, -1.0, 0.2), DVec3::Y), (DVec3::new(0.0, 0.5, 0.0), DVec3::new(0.0, 0.6, 0.8))] {
+        for (p, n) in
+            [(DVec3::ZERO, DVec3::Z), (DVec3::new(0.3, -1.0, 0.2), DVec3::Y), (DVec3::new(0.0, 0.5, 0.0), DVec3::new(0.0, 0.6, 0.8))]
+        {
             let (u, v) = (corners[1] - corners[0], corners[3] - corners[0]);
             let area = u.cross(v);
             let count = 400;
