@@ -60,4 +60,5 @@ pub fn registry() -> Registry {
         .with::<DistributionStage>()
         .with::<ProfileStage>()
         .with::<SampleStage>()
+        .with::<synthesize::Synthesize>()
 }
