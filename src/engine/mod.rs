@@ -5,18 +5,26 @@
 
 pub mod artifact;
 pub mod coordinate;
+pub mod digest;
 pub mod diagnostic;
 pub mod document;
 pub mod events;
 pub mod freshness;
 pub mod graph;
+pub mod history;
 pub mod job;
+pub mod key;
 pub mod manifest;
 pub mod parameter;
 pub mod publish;
 pub mod reference;
 pub mod registry;
+pub mod run;
 pub mod schedule;
+pub mod signature;
 pub mod stage;
 pub mod store;
 pub mod sweep;
+pub mod system;
+#[cfg(test)]
+mod trial;
