@@ -97,9 +97,7 @@ fn planned_job(
     }
     match key.map(|key| lookup(&key)) {
         None => PlannedJob { outcome: Outcome::Maybe, ..unknown },
-        Some(Ok(record)) if is_whole(graph, job, &record) => {
-            PlannedJob { record: Some(record), outcome: Outcome::Hit, ..unknown }
-        }
+        Some(Ok(record)) if is_whole(graph, job, &record) => PlannedJob { record: Some(record), outcome: Outcome::Hit, ..unknown },
         Some(Ok(_)) | Some(Err(Lost::Missing)) => unknown,
         Some(Err(lost @ Lost::Damaged(_))) => PlannedJob { reason: lost.reason(), ..unknown },
     }
@@ -187,8 +185,7 @@ pub const HIT_REASON: &str = "in the store";
 
 /// `waits for a, b`: the inputs whose content is not known yet.
 fn unknown_inputs(job: &JobNode, known: impl Fn(&InputNode) -> Option<Digest>) -> String {
-    let mut labels: Vec<&str> =
-        input_items(job).filter(|(_, item)| known(item).is_none()).map(|(_, item)| item.label.as_str()).collect();
+    let mut labels: Vec<&str> = input_items(job).filter(|(_, item)| known(item).is_none()).map(|(_, item)| item.label.as_str()).collect();
     labels.dedup();
     format!("waits for {}", labels.join(", "))
 }

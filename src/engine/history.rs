@@ -23,7 +23,12 @@ pub struct History {
     folder: PathBuf,
     /// What a run of the present graph has: (stage, text of the coordinate).
     present: HashSet<(String, String)>,
-    loaded: Option<HashMap<String, Vec<JobEntry>>>,
+    loaded: Option<HashMap<String, Vec<EarlierJob>>>,
+}
+
+struct EarlierJob {
+    job: JobEntry,
+    is_of_the_latest: bool,
 }
 
 impl History {
@@ -53,7 +58,7 @@ impl History {
     /// Seconds that this job, or else one of its stage, took when it ran.
     pub fn seconds(&mut self, job: &JobEntry) -> Option<f64> {
         let same = self.earlier(job).and_then(|earlier| earlier.measured);
-        let other = || self.loaded.as_ref()?.get(&job.stage)?.iter().find_map(|entry| entry.measured);
+        let other = || self.loaded.as_ref()?.get(&job.stage)?.iter().find_map(|earlier| earlier.job.measured);
         same.or_else(other).map(|measured| measured.seconds)
     }
 
@@ -61,12 +66,12 @@ impl History {
         let folder = &self.folder;
         let stages = self.loaded.get_or_insert_with(|| load(folder));
         let entries = stages.get(&job.stage)?;
-        if let Some(same) = entries.iter().find(|entry| entry.coordinate == job.coordinate) {
-            return Some(same);
+        if let Some(same) = entries.iter().find(|earlier| earlier.job.coordinate == job.coordinate) {
+            return Some(&same.job);
         }
-        // A value of an axis that was replaced: its old place is no longer among the jobs of the graph.
+        // A value of an axis that was replaced: its old place, in the latest run, is no longer among the jobs.
         let is_gone = |entry: &&JobEntry| !self.present.contains(&(entry.stage.clone(), coordinate_text(&entry.coordinate)));
-        entries.iter().filter(is_gone).min_by(|a, b| {
+        entries.iter().filter(|entry| entry.is_of_the_latest).map(|earlier| &earlier.job).filter(is_gone).min_by(|a, b| {
             let distances = [a, b].map(|entry| distance(&entry.coordinate, &job.coordinate));
             distances[0].partial_cmp(&distances[1]).expect("distances are numbers")
         })
@@ -103,16 +108,16 @@ fn distance(a: &Json, b: &Json) -> f64 {
 }
 
 /// Jobs by stage: the latest run's first, then those of earlier runs that the later ones lack.
-fn load(folder: &std::path::Path) -> HashMap<String, Vec<JobEntry>> {
-    let mut stages: HashMap<String, Vec<JobEntry>> = HashMap::new();
+fn load(folder: &std::path::Path) -> HashMap<String, Vec<EarlierJob>> {
+    let mut stages: HashMap<String, Vec<EarlierJob>> = HashMap::new();
     let mut seen = HashSet::new();
     let latest = read_manifest(&folder.join("manifest.json"));
     let manifests = latest.into_iter().chain(run_folders(folder).filter_map(|run| read_manifest(&run.join("manifest.json"))));
-    for manifest in manifests.take(RUN_COUNT) {
+    for (age, manifest) in manifests.take(RUN_COUNT).enumerate() {
         for job in manifest.jobs {
             // A job that was not started has no key and says nothing.
             if job.key.is_some() && seen.insert((job.stage.clone(), coordinate_text(&job.coordinate))) {
-                stages.entry(job.stage.clone()).or_default().push(job);
+                stages.entry(job.stage.clone()).or_default().push(EarlierJob { job, is_of_the_latest: age == 0 });
             }
         }
     }

@@ -373,12 +373,7 @@ pub fn input_items(job: &JobNode) -> impl Iterator<Item = (&str, &InputNode)> {
 }
 
 fn input_entry(graph: &Graph, port: &str, item: &InputNode) -> InputEntry {
-    InputEntry {
-        port: port.to_owned(),
-        stage: item.label.clone(),
-        coordinate: coordinate_json(&graph.jobs[item.job]),
-        sha256: None,
-    }
+    InputEntry { port: port.to_owned(), stage: item.label.clone(), coordinate: coordinate_json(&graph.jobs[item.job]), sha256: None }
 }
 
 fn file_entry(graph: &Graph, name: &str, path: &std::path::Path, digest: Digest) -> FileEntry {

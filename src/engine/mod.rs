@@ -5,8 +5,8 @@
 
 pub mod artifact;
 pub mod coordinate;
-pub mod digest;
 pub mod diagnostic;
+pub mod digest;
 pub mod document;
 pub mod events;
 pub mod freshness;

@@ -238,12 +238,8 @@ fn stage_node(trial: &TrialJob, index: usize) -> StageNode {
 }
 
 fn job_node(trial: &TrialJob, stage: usize, jobs: &[TrialJob]) -> JobNode {
-    let item = |input: &usize| InputNode {
-        job: *input,
-        result: 0,
-        label: jobs[*input].stage.into(),
-        columns: jobs[*input].coordinate.0.clone(),
-    };
+    let item =
+        |input: &usize| InputNode { job: *input, result: 0, label: jobs[*input].stage.into(), columns: jobs[*input].coordinate.0.clone() };
     let mut parameters = trial.parameters.clone();
     let mut inputs = Vec::new();
     if let Some(input) = &trial.of {
@@ -258,11 +254,8 @@ fn job_node(trial: &TrialJob, stage: usize, jobs: &[TrialJob]) -> JobNode {
     let mood = if parameters.mood == Mood::Waits { Mood::Fine } else { parameters.mood };
     let files = parameters.path.iter().map(|file| ("path".to_owned(), file.0.clone())).collect();
     let place = if trial.coordinate.is_empty() { String::new() } else { format!("/{}", trial.coordinate) };
-    let publication = |format: &&'static str| Publication {
-        result: 0,
-        format: (*format).into(),
-        path: format!("{}{place}.txt", trial.stage),
-    };
+    let publication =
+        |format: &&'static str| Publication { result: 0, format: (*format).into(), path: format!("{}{place}.txt", trial.stage) };
     let canonical = json!({"say": parameters.say, "keep": parameters.keep, "mood": mood});
     JobNode {
         stage,

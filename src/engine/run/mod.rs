@@ -140,8 +140,7 @@ fn execute(
     let artifacts: BTreeMap<&'static str, ArtifactKind> = registry.artifacts().iter().map(|(name, kind)| (name, *kind)).collect();
     let history = History::new(outputs.path(), &graph);
     let committer = Committer::new(known.library.clone());
-    let shared =
-        Arc::new(Shared::new(graph, artifacts, known.library.clone(), outputs.clone(), interrupted, committer.submit()));
+    let shared = Arc::new(Shared::new(graph, artifacts, known.library.clone(), outputs.clone(), interrupted, committer.submit()));
     let world = World { history, index: &known.index, signatures: &mut known.signatures, standing };
     let mut scheduler = Scheduler::new(shared.clone(), plan, world, committer, settings, listener);
     scheduler.run();
@@ -175,11 +174,8 @@ fn conclude(
 
     let earlier = files_left_over(standing.as_ref(), &ledger.published);
     let is_complete = status == Status::Done && graph.is_whole;
-    let (removed, kept) = if is_complete {
-        (remove_unedited(outputs, &earlier, &mut known.signatures, &mut ledger)?, Vec::new())
-    } else {
-        (0, earlier)
-    };
+    let (removed, kept) =
+        if is_complete { (remove_unedited(outputs, &earlier, &mut known.signatures, &mut ledger)?, Vec::new()) } else { (0, earlier) };
 
     let mut system_error = committed.err();
     if system_error.is_none() {

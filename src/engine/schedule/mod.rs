@@ -135,12 +135,8 @@ impl<'l> Scheduler<'l> {
         let (tasks, waiting_tasks) = channel();
         let (report_to, reports) = channel();
         let graph = &shared.graph;
-        let jobs: Vec<_> = graph
-            .jobs
-            .iter()
-            .zip(plan.jobs)
-            .map(|(node, planned)| planned.map(|planned| JobState::new(graph, node, planned)))
-            .collect();
+        let jobs: Vec<_> =
+            graph.jobs.iter().zip(plan.jobs).map(|(node, planned)| planned.map(|planned| JobState::new(graph, node, planned))).collect();
         let dependents = state::dependents(graph);
         let ledger = Ledger { warnings: plan.warnings.into_iter().map(|text| (String::new(), text)).collect(), ..Ledger::default() };
         Self {
@@ -220,7 +216,9 @@ impl<'l> Scheduler<'l> {
         let costs: Vec<f64> = self
             .jobs
             .iter()
-            .map(|state| state.as_ref().filter(|state| !state.is_hit()).map_or(0.0, |state| self.history.seconds(&state.entry).unwrap_or(1.0)))
+            .map(|state| {
+                state.as_ref().filter(|state| !state.is_hit()).map_or(0.0, |state| self.history.seconds(&state.entry).unwrap_or(1.0))
+            })
             .collect();
         for (state, priority) in self.jobs.iter_mut().zip(critical_paths(&costs, &self.dependents)) {
             if let Some(state) = state {
@@ -421,6 +419,7 @@ impl<'l> Scheduler<'l> {
             return false;
         }
         self.state_mut(task.job).reserved_for_files = need;
+        self.expect_in_memory(task.job);
         self.start(Task::Publish(task), need);
         true
     }
@@ -438,8 +437,9 @@ impl<'l> Scheduler<'l> {
             return false;
         }
         self.ready.pop();
-        // Inputs that others want too stay in memory once they are read.
-        self.in_memory.extend(state::distinct_inputs(&self.shared.graph.jobs[job]).into_iter().filter(|input| self.jobs[*input].as_ref().is_some_and(|state| state.uses > 1)));
+        for input in state::distinct_inputs(&self.shared.graph.jobs[job]) {
+            self.expect_in_memory(input);
+        }
         let task = self.run_task(job, need.of_the_stage);
         let (reason, progress) = (self.state(job).entry.reason.clone(), task.progress.clone());
         self.listener.notify(&Event::Started { job: self.name(job), reason, progress });
@@ -458,6 +458,13 @@ impl<'l> Scheduler<'l> {
             self.shared.drop_values(oldest);
         }
         fits(self)
+    }
+
+    /// A value that others want too stays in memory once it is read.
+    fn expect_in_memory(&mut self, job: usize) {
+        if self.state(job).uses > 1 && self.in_memory.back() != Some(&job) {
+            self.in_memory.push_back(job);
+        }
     }
 
     fn start(&mut self, task: Task, reserved: u64) {
@@ -569,7 +576,7 @@ impl<'l> Scheduler<'l> {
                 let state = self.state_mut(job);
                 state.phase = Phase::Failed;
                 state.entry.outcome = Outcome::Interrupted;
-                self.is_stopping = true;
+                self.look_for_interrupt();
             }
         }
     }
@@ -782,7 +789,7 @@ impl<'l> Scheduler<'l> {
             Fault::Failed { message, hint } => (message, hint, false),
             Fault::System(message) => (message, None, true),
             Fault::Interrupted | Fault::Lost(_) => {
-                self.is_stopping = true;
+                self.look_for_interrupt();
                 return;
             }
         };

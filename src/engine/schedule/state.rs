@@ -188,11 +188,7 @@ pub fn memory_need(node: &JobNode, size: impl Fn(&InputNode) -> u64, is_held: im
         }
     }
     let of_the_stage = node.parameters.memory(&sizes);
-    MemoryNeed {
-        of_the_stage,
-        beside_what_is_held: of_the_stage.saturating_add(missing),
-        at_all: of_the_stage.saturating_add(all),
-    }
+    MemoryNeed { of_the_stage, beside_what_is_held: of_the_stage.saturating_add(missing), at_all: of_the_stage.saturating_add(all) }
 }
 
 #[cfg(test)]

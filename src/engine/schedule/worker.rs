@@ -248,10 +248,9 @@ fn publish_file(shared: &Shared, job: usize, file: &FileToPublish) -> Result<Pub
     }
 
     let artifact = shared.value(&file.source).map_err(|lost| Fault::Lost(vec![(file.source.job, lost)]))?;
-    let saved = artifact.save(&publication.format, &file.origin).map_err(|error| Fault::Failed {
-        message: format!("cannot be saved as `{}`: {error}", publication.format),
-        hint: None,
-    })?;
+    let saved = artifact
+        .save(&publication.format, &file.origin)
+        .map_err(|error| Fault::Failed { message: format!("cannot be saved as `{}`: {error}", publication.format), hint: None })?;
     let content = shared.library.write_bytes(&saved.bytes)?;
     let record = PublicationRecord { schema: RECORD_VERSION, key: file.key, content, warnings: saved.warnings };
     shared.submit.submit(Commit::Publication(record.clone()));

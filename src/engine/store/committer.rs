@@ -122,8 +122,7 @@ fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, bool) {
 }
 
 fn commit_group(library: &Library, group: &[Commit]) -> Result<(), SystemError> {
-    let blobs: Vec<Digest> =
-        group.iter().flat_map(Commit::blobs).filter(|blob| blob.inline.is_none()).map(|blob| blob.digest).collect();
+    let blobs: Vec<Digest> = group.iter().flat_map(Commit::blobs).filter(|blob| blob.inline.is_none()).map(|blob| blob.digest).collect();
     library.make_durable(&blobs)?;
     for commit in group {
         match commit {

@@ -265,13 +265,9 @@ mod tests {
         let secret = folder.path().join("secret");
         fs::write(&secret, "x").unwrap();
 
-        let tricks: [&dyn Fn(); 3] = [
-            &|| symlink(&secret, &path).unwrap(),
-            &|| fs::create_dir(&path).unwrap(),
-            &|| {
-                rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR, 0).unwrap();
-            },
-        ];
+        let tricks: [&dyn Fn(); 3] = [&|| symlink(&secret, &path).unwrap(), &|| fs::create_dir(&path).unwrap(), &|| {
+            rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR, 0).unwrap();
+        }];
         for trick in tricks {
             fs::remove_file(&path).unwrap();
             trick();
