@@ -4,6 +4,7 @@
 //! `registry` (the tables), then the path of a run.
 
 pub mod artifact;
+pub mod axes;
 pub mod coordinate;
 pub mod diagnostic;
 pub mod digest;
@@ -22,9 +23,16 @@ pub mod registry;
 pub mod run;
 pub mod schedule;
 pub mod signature;
+pub mod relation;
+pub mod request;
+pub mod schedule;
+pub mod schema;
+pub mod source;
 pub mod stage;
 pub mod store;
+pub mod substitution;
 pub mod sweep;
 pub mod system;
 #[cfg(test)]
 mod trial;
+pub mod yaml;

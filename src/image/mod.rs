@@ -2,7 +2,9 @@
 //!
 //! Knows no file and no light. Reading order: `raster`, then what acts on it.
 
+pub mod average;
 pub mod color;
+pub mod colormap;
 pub mod drawing;
 pub mod filter;
 pub mod flip;

@@ -80,6 +80,31 @@ impl EnvMap {
         let (x, y) = pixel_containing(direction, self.width(), self.height());
         self.raster.pixel(x, y)
     }
+
+    /// Radiance between the four pixel centers around `direction`.
+    ///
+    /// Columns go round; above the top row stands the same row half a turn further, and likewise below the last.
+    pub fn bilinear(&self, direction: DVec3) -> [f64; 3] {
+        let [u, v] = square_at(direction);
+        let (x, y) = (u * self.width() as f64 - 0.5, v * self.height() as f64 - 0.5);
+        let (right, below) = (x - x.floor(), y - y.floor());
+        let mut radiance = [0.0; 3];
+        for (row, share_of_row) in [(0, 1.0 - below), (1, below)] {
+            for (column, share_of_column) in [(0, 1.0 - right), (1, right)] {
+                let pixel = self.pixel_around(x.floor() as isize + column, y.floor() as isize + row);
+                (0..3).for_each(|channel| radiance[channel] += share_of_row * share_of_column * f64::from(pixel[channel]));
+            }
+        }
+        radiance
+    }
+
+    /// The pixel at most one step beyond the edges, where the sphere goes on.
+    fn pixel_around(&self, x: isize, y: isize) -> [f32; 3] {
+        let (width, height) = (self.width() as isize, self.height() as isize);
+        let is_across_pole = y < 0 || y >= height;
+        let column = if is_across_pole { x + width / 2 } else { x };
+        self.raster.pixel(column.rem_euclid(width) as usize, y.clamp(0, height - 1) as usize)
+    }
 }
 
 /// Polar angle of row `y` of `height`, in radians from +y.
@@ -153,6 +178,18 @@ mod tests {
                 assert_eq!(pixel_containing(direction_at(theta, phi), width, height), (x, y));
             }
         }
+    }
+
+    #[test]
+    fn bilinear_goes_round_and_across_the_poles() {
+        let pixels = (0..8).map(|index| [index as f32, 0.0, 1.0]).collect();
+        let map = EnvMap::new(Raster::new(4, 2, pixels));
+        let at = |u: f64, v: f64| map.bilinear(direction_at(v * PI, u * 2.0 * PI))[0];
+        for (u, v, expected) in [(0.125, 0.25, 0.0), (0.625, 0.75, 6.0), (0.25, 0.25, 0.5), (0.0, 0.25, 1.5), (0.125, 0.5, 2.0)] {
+            assert!((at(u, v) - expected).abs() < 1e-12, "{u} {v}: {}", at(u, v));
+        }
+        // At the pole both sides meet: columns 0 and 2 of the top row, 0 and 2.
+        assert!((at(0.125, 1e-12) - 1.0).abs() < 1e-9);
     }
 
     #[test]

@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 /// Pixels x0 <= x < x1, y0 <= y < y1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Region {
     /// First column.
     pub x0: u32,

@@ -12,4 +12,7 @@ pub mod median_cut;
 pub mod relight;
 pub mod samples;
 pub mod sampling;
+pub mod summed_area;
 pub mod synthesis;
+#[cfg(test)]
+mod test_maps;

@@ -1,8 +1,10 @@
-//! Numbers only: elementary functions, directions on the sphere, random streams, statistics.
+//! Numbers only: elementary functions, directions on the sphere, random streams, noise, statistics.
 //!
-//! Knows no image, no file and no clock. Reading order: `elementary`, `sphere`, `stream`, `statistics`.
+//! Knows no image, no file and no clock. Reading order: `elementary`, `sphere`, `stream`, `noise`, `statistics`.
 
 pub mod elementary;
+pub mod single;
+pub mod noise;
 pub mod sphere;
 pub mod statistics;
 pub mod stream;

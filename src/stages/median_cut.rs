@@ -1,1 +1,93 @@
-//! median_cut.
+//! The kind `median-cut`.
+
+use std::num::NonZeroU32;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::engine::job::Job;
+use crate::engine::parameter::Port;
+use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
+use crate::light::envmap::{Angles, EnvMap};
+use crate::light::lights::LightSet;
+use crate::light::median_cut::{self, MedianCutError, Place, Settings, Variant};
+
+/// Cuts a map into regions of equal energy and puts one directional light into each.
+///
+/// After Debevec, "A median cut algorithm for light probe sampling" (2005).
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MedianCut {
+    /// The map to cut.
+    pub of: Port<EnvMap>,
+    /// How many lights. A power of two cuts every region equally often; otherwise the most energetic regions are cut
+    /// once more. Fewer lights result, with a warning, where regions of one pixel leave nothing to cut.
+    pub count: NonZeroU32,
+    /// What is balanced, and which side of a region is the longer one. Default `debevec`.
+    #[serde(default)]
+    pub variant: Variant,
+    /// Where in its region each light stands. By default as in the variant's source: `centroid` for
+    /// `debevec`, `median` for `coursework-2021`.
+    #[serde(default)]
+    pub place: Option<Place>,
+    /// At which polar angle `coursework-2021` takes the sine of a row. By default `edge`, which gives the
+    /// report's total; `debevec` uses exact solid angles and takes no such choice.
+    #[serde(default)]
+    pub angles: Option<Angles>,
+}
+
+impl MedianCut {
+    fn settings(&self) -> Settings {
+        Settings {
+            count: self.count,
+            variant: self.variant,
+            place: self.place.unwrap_or(self.variant.usual_place()),
+            sine_at: self.angles.unwrap_or(Angles::Edge),
+        }
+    }
+}
+
+impl Stage for MedianCut {
+    const KIND: &'static str = "median-cut";
+    const VERSION: u32 = 1;
+    const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &["lights"] }];
+    type Output = LightSet;
+
+    fn mistakes(&self) -> Vec<Mistake> {
+        if self.angles.is_none() || self.variant == Variant::Coursework2021 {
+            return Vec::new();
+        }
+        let message = "`debevec` weights rows by their solid angle, so `angles` has no meaning".to_string();
+        vec![Mistake { field: "angles".into(), message, hint: Some("remove `angles`, or set `variant: coursework-2021`".into()) }]
+    }
+
+    fn caveats(&self) -> Vec<String> {
+        match self.variant {
+            Variant::Debevec => Vec::new(),
+            Variant::Coursework2021 => {
+                vec!["`variant: coursework-2021` is the second report's: rows count by the sine at their edge, sides by pixels".into()]
+            }
+        }
+    }
+
+    /// The summed-area table has one f64 where the map has three f32.
+    fn memory(&self, inputs: &InputSizes) -> u64 {
+        inputs.values().sum::<u64>() / 3 * 2 + u64::from(self.count.get()).min(1 << 20) * 256
+    }
+
+    fn run(&self, job: &Job<'_>) -> Result<LightSet, StageError> {
+        let map = job.input(&self.of)?;
+        let lights = median_cut::median_cut(&map, &self.settings(), || job.check())?;
+        if lights.lights.len() < self.count.get() as usize {
+            let found = lights.lights.len();
+            job.warn(format!("gives {found} lights instead of {}: regions of one pixel cannot be cut", self.count));
+        }
+        Ok(lights)
+    }
+}
+
+impl From<MedianCutError> for StageError {
+    fn from(error: MedianCutError) -> Self {
+        StageError::content(error)
+    }
+}

@@ -6,6 +6,7 @@
 pub mod artifacts;
 pub mod average;
 pub mod compare;
+pub mod conversion;
 pub mod distribution;
 pub mod fresnel;
 pub mod grid;
@@ -14,6 +15,7 @@ pub mod mark;
 pub mod median_cut;
 pub mod plot;
 pub mod profile;
+pub mod rasters;
 pub mod relight;
 pub mod sample;
 pub mod synthesize;
@@ -21,8 +23,33 @@ pub mod table;
 pub mod tone_map;
 
 use crate::engine::registry::Registry;
+use crate::image::raster::{Image, Picture};
+use crate::light::envmap::EnvMap;
+use crate::light::lights::LightSet;
+use crate::light::distribution::Distribution;
+use crate::light::samples::SampleSet;
+use crate::stages::distribution::DistributionStage;
+use crate::stages::profile::ProfileStage;
+use crate::stages::sample::SampleStage;
 
 /// All kinds and artifact types of the program.
 pub fn registry() -> Registry {
     Registry::default()
+        .with::<average::Average>()
+        .with::<compare::Compare>()
+        .with::<tone_map::ToneMap>()
+        .with::<load::Load>()
+        .with_artifact::<Image>()
+        .with_artifact::<Picture>()
+        .with_artifact::<EnvMap>()
+        .with::<fresnel::Fresnel>()
+        .with::<mark::Mark>()
+        .with::<median_cut::MedianCut>()
+        .with::<relight::Relight>()
+        .with_artifact::<LightSet>()
+        .with_artifact::<Distribution>()
+        .with_artifact::<SampleSet>()
+        .with::<DistributionStage>()
+        .with::<ProfileStage>()
+        .with::<SampleStage>()
 }

@@ -1,10 +1,12 @@
 //! Canonical bytes and outside formats of the types that flow between stages, one file per type.
 
+pub mod canonical;
 pub mod distribution;
 pub mod envmap;
 pub mod figure;
 pub mod image;
 pub mod lights;
+pub mod numpy;
 pub mod picture;
 pub mod samples;
 pub mod table;

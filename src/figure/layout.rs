@@ -1,0 +1,690 @@
+//! Where everything in a figure stands on its paper.
+//!
+//! Lengths are in points. Room is given from the outside in: title, notes and legend first, then the
+//! labels of the axes, and the frame has the rest; the page grows where the frame would be too low. Nothing
+//! is drawn over data but data: the legend stands outside, names of guide lines above the frame.
+
+use super::axis::{self, Reach, Span, Tick, Ticks};
+use super::canvas::{Anchor, Canvas, Ink, Label, clipped_area, clipped_line};
+use super::chart::{Axis, Chart, Curve, Guide, GuideAxis, Heat, IntervalLook, Look, Point, Scale};
+use super::palette::{self, BLACK, FINE_GRID, GREY, GRID, WHITE};
+use super::text::{self, CAPITAL_HEIGHT};
+use crate::math::elementary;
+
+const POINTS_PER_MM: f64 = 72.0 / 25.4;
+const TITLE_SIZE: f64 = 10.5;
+const LABEL_SIZE: f64 = 9.0;
+const TICK_SIZE: f64 = 8.0;
+const LEGEND_SIZE: f64 = 8.0;
+const NOTE_SIZE: f64 = 6.5;
+/// Line spacing as a multiple of the font's size.
+const LEADING: f64 = 1.35;
+/// Free paper around everything.
+const BORDER: f64 = 5.0;
+const GAP: f64 = 4.0;
+const TICK_LENGTH: f64 = 3.0;
+/// Width of the sample of a curve in the legend.
+const SAMPLE_WIDTH: f64 = 20.0;
+const LEAST_FRAME_HEIGHT: f64 = 100.0;
+const LINE_WIDTH: f64 = 1.4;
+const MARKER_RADIUS: f64 = 2.3;
+/// Lines with more points than this have no markers.
+const MARKER_LIMIT: usize = 40;
+const COLOR_BAR_WIDTH: f64 = 9.0;
+
+/// The chart as a drawing.
+pub fn canvas(chart: &Chart) -> Canvas {
+    let page = Page::of(chart);
+    let mut canvas = Canvas { width: page.size[0], height: page.size[1], marks: Vec::new() };
+    canvas.rectangle([0.0, 0.0], page.size, WHITE);
+    draw_heat(&mut canvas, chart, &page);
+    draw_axes(&mut canvas, chart, &page);
+    draw_guides(&mut canvas, &page);
+    draw_bands(&mut canvas, chart, &page.frame);
+    for (index, curve) in chart.curves.iter().enumerate() {
+        draw_curve(&mut canvas, chart, index, curve, &page.frame);
+    }
+    draw_frame(&mut canvas, &page.frame);
+    draw_texts(&mut canvas, chart, &page);
+    canvas
+}
+
+/// The rectangle in which data are drawn, with the numbers along its sides.
+struct Frame {
+    /// Upper left corner.
+    low: [f64; 2],
+    /// Lower right corner.
+    high: [f64; 2],
+    x: Span,
+    y: Span,
+}
+
+impl Frame {
+    fn at_x(&self, value: f64) -> f64 {
+        self.low[0] + self.x.fraction_or_below(value) * (self.high[0] - self.low[0])
+    }
+
+    fn at_y(&self, value: f64) -> f64 {
+        self.high[1] - self.y.fraction_or_below(value) * (self.high[1] - self.low[1])
+    }
+
+    fn at(&self, x: f64, y: f64) -> [f64; 2] {
+        [self.at_x(x), self.at_y(y)]
+    }
+
+    fn contains(&self, point: [f64; 2]) -> bool {
+        (0..2).all(|k| self.low[k] - 0.01 <= point[k] && point[k] <= self.high[k] + 0.01)
+    }
+}
+
+/// A guide line with the place of its label.
+struct PlacedGuide<'a> {
+    guide: &'a Guide,
+    /// Number of the line of text above the frame, from below.
+    row: usize,
+    anchor: Anchor,
+}
+
+/// Everything that is measured before something is drawn.
+struct Page<'a> {
+    size: [f64; 2],
+    title: Vec<String>,
+    notes: Vec<String>,
+    legend: Legend,
+    frame: Frame,
+    x_ticks: Ticks,
+    y_ticks: Ticks,
+    guides: Vec<PlacedGuide<'a>>,
+    /// Left edge of what stands right of the frame: names of level guides, the color bar, the legend.
+    beside: f64,
+    color_ticks: Ticks,
+}
+
+impl<'a> Page<'a> {
+    fn of(chart: &'a Chart) -> Self {
+        let width = chart.size_mm[0] * POINTS_PER_MM;
+        let inner = width - 2.0 * BORDER;
+        let title = text::wrapped(&chart.title, TITLE_SIZE, inner);
+        let notes: Vec<String> = chart.notes.iter().flat_map(|note| text::wrapped(note, NOTE_SIZE, inner)).collect();
+        let legend = Legend::of(chart, width);
+
+        let title_height = if title.is_empty() { 0.0 } else { lines_height(&title, TITLE_SIZE) + GAP };
+        let axis_height =
+            TICK_LENGTH + 2.0 + line_height(TICK_SIZE) + if chart.x.label.is_empty() { 0.0 } else { line_height(LABEL_SIZE) + 1.0 };
+        let notes_height = if notes.is_empty() { 0.0 } else { lines_height(&notes, NOTE_SIZE) + GAP };
+        let below = BORDER + axis_height + legend.height_below() + notes_height;
+        let above = BORDER + title_height + CAPITAL_HEIGHT * TICK_SIZE / 2.0;
+
+        let [x, y] = spans(chart);
+        let tentative = (chart.size_mm[1] * POINTS_PER_MM - above - below).max(LEAST_FRAME_HEIGHT);
+        let y_ticks = axis::ticks(&chart.y, y, tentative / 30.0, &own_y(chart));
+        let left = BORDER + line_height(LABEL_SIZE) + GAP + widest(&y_ticks.major, TICK_SIZE) + 2.0 + TICK_LENGTH;
+        let color_ticks =
+            chart.heat.as_ref().map(|heat| axis::ticks(&heat.axis, heat_span(heat), tentative / 30.0, &[])).unwrap_or_default();
+        let beside_width = beside_width(chart, &color_ticks) + legend.width_beside();
+        let room = width - left - BORDER - beside_width;
+        let x_ticks = fitting_x_ticks(chart, x, room);
+        let overhang = x_ticks.major.last().map_or(0.0, |tick| overhang_of(tick, x, room));
+        let right = width - BORDER - beside_width.max(overhang);
+
+        let guides = placed_guides(chart, x, left, right, width);
+        let guide_height = guides.iter().map(|placed| placed.row + 1).max().map_or(0.0, |rows| rows as f64 * line_height(TICK_SIZE) + 2.0);
+        let top = above + guide_height;
+        let height =
+            (chart.size_mm[1] * POINTS_PER_MM).max(top + below + LEAST_FRAME_HEIGHT).max(top + below + legend.least_frame_height());
+        let frame = Frame { low: [left, top], high: [right, height - below], x, y };
+        Self { size: [width, height], title, notes, legend, beside: right + 2.0 * GAP, frame, x_ticks, y_ticks, guides, color_ticks }
+    }
+}
+
+fn line_height(size: f64) -> f64 {
+    size * LEADING
+}
+
+fn lines_height(lines: &[String], size: f64) -> f64 {
+    lines.len() as f64 * line_height(size)
+}
+
+fn widest(ticks: &[Tick], size: f64) -> f64 {
+    ticks.iter().map(|tick| text::width(&tick.label, size)).fold(0.0, f64::max)
+}
+
+/// How far the label of the last value reaches beyond the frame.
+fn overhang_of(tick: &Tick, span: Span, room: f64) -> f64 {
+    let free = (1.0 - span.fraction_or_below(tick.value)) * room;
+    (text::width(&tick.label, TICK_SIZE) / 2.0 - free).max(0.0)
+}
+
+/// The numbers along both sides.
+fn spans(chart: &Chart) -> [Span; 2] {
+    let points = || chart.curves.iter().filter(|curve| curve.look != Look::Level).flat_map(|curve| &curve.points);
+    let heat_edges = |edges: fn(&Heat) -> &Vec<f64>| chart.heat.iter().flat_map(edges).copied();
+    let is_bars = chart.curves.iter().any(|curve| matches!(curve.look, Look::Bars | Look::Filled));
+    let has_markers = chart.curves.iter().any(|curve| has_markers(curve) || curve.look == Look::Bars);
+
+    let x_margin = if chart.heat.is_none() && has_markers { 0.04 } else { 0.0 };
+    let guides = |axis: GuideAxis| chart.guides.iter().filter(move |guide| guide.axis == axis).map(|guide| guide.at);
+    let x_data = points().map(|point| point.x).chain(heat_edges(|heat| &heat.x_edges)).chain(guides(GuideAxis::X));
+    let x = axis::span(&chart.x, x_data, Reach { margin: x_margin, is_from_zero: false });
+
+    let y_margin = if chart.heat.is_some() { 0.0 } else { 0.04 };
+    // What a logarithmic axis cannot show of an interval does not stretch it; nor does what the x range leaves out.
+    let shown = chart.curves.iter().flat_map(|curve| curve.points.iter().map(move |point| (curve.look == Look::Level, point)));
+    let shown = shown.filter(|(is_level, point)| *is_level || chart.x.range.is_none_or(|[low, high]| low <= point.x && point.x <= high));
+    let ends = shown.flat_map(|(_, point)| [Some(point.y), point.interval.map(|i| i[0]), point.interval.map(|i| i[1])]).flatten();
+    let zero = is_bars.then_some(0.0);
+    let y_data = ends.chain(heat_edges(|heat| &heat.y_edges)).chain(guides(GuideAxis::Y)).chain(zero);
+    let y = axis::span(&chart.y, y_data, Reach { margin: y_margin, is_from_zero: chart.heat.is_none() });
+    [x, y]
+}
+
+fn own_x(chart: &Chart) -> Vec<f64> {
+    let points = chart.curves.iter().filter(|curve| curve.look != Look::Level).flat_map(|curve| &curve.points).map(|point| point.x);
+    points.chain(chart.heat.iter().flat_map(|heat| heat.x_values.iter().copied())).collect()
+}
+
+/// Measured values are never labels of their own; rows of a heat map are.
+fn own_y(chart: &Chart) -> Vec<f64> {
+    chart.heat.iter().flat_map(|heat| heat.y_values.iter().copied()).collect()
+}
+
+/// As many labels below the frame as stand apart.
+fn fitting_x_ticks(chart: &Chart, span: Span, room: f64) -> Ticks {
+    let mut count = room / 40.0;
+    let mut ticks = axis::ticks(&chart.x, span, count, &own_x(chart));
+    while !stand_apart(&ticks.major, span, room) && count > 1.5 {
+        count -= 1.0;
+        ticks = axis::ticks(&chart.x, span, count, &own_x(chart));
+    }
+    let mut stride = 1;
+    let all = ticks.major.clone();
+    while !stand_apart(&ticks.major, span, room) && stride < all.len() {
+        stride += 1;
+        ticks.major = all.iter().step_by(stride).cloned().collect();
+    }
+    if chart.x.categories.is_empty() && stride > 1 {
+        ticks.minor = all.iter().map(|tick| tick.value).filter(|value| ticks.major.iter().all(|tick| tick.value != *value)).collect();
+    }
+    ticks
+}
+
+fn stand_apart(ticks: &[Tick], span: Span, room: f64) -> bool {
+    ticks.windows(2).all(|pair| {
+        let distance = (span.fraction_or_below(pair[1].value) - span.fraction_or_below(pair[0].value)) * room;
+        let half_widths = (text::width(&pair[0].label, TICK_SIZE) + text::width(&pair[1].label, TICK_SIZE)) / 2.0;
+        distance > half_widths + 5.0
+    })
+}
+
+/// Room right of the frame for names of level guides and the color bar.
+fn beside_width(chart: &Chart, color_ticks: &Ticks) -> f64 {
+    let names = chart.guides.iter().filter(|guide| guide.axis == GuideAxis::Y).map(|guide| text::width(&guide.label, TICK_SIZE));
+    let names = names.fold(0.0, f64::max);
+    let bar = COLOR_BAR_WIDTH + TICK_LENGTH + 2.0 + widest(&color_ticks.major, TICK_SIZE) + GAP + line_height(LABEL_SIZE);
+    let bar = if chart.heat.is_some() { bar } else { 0.0 };
+    if names + bar > 0.0 { names + bar + 2.0 * GAP } else { 0.0 }
+}
+
+/// Lines of text above the frame such that no leader crosses a label.
+///
+/// A label begins at its line and runs right, so what stands left of another goes above it; where labels would leave the page, all
+/// run left instead.
+fn placed_guides(chart: &Chart, x: Span, left: f64, right: f64, width: f64) -> Vec<PlacedGuide<'_>> {
+    let place = |guide: &Guide| left + x.fraction_or_below(guide.at) * (right - left);
+    let mut guides: Vec<&Guide> = chart.guides.iter().filter(|guide| guide.axis == GuideAxis::X).collect();
+    guides.retain(|guide| (left - 0.01..=right + 0.01).contains(&place(guide)));
+    guides.sort_by(|a, b| b.at.total_cmp(&a.at));
+    let overflows = guides.iter().any(|guide| place(guide) + text::width(&guide.label, TICK_SIZE) + 2.0 > width - BORDER);
+    if overflows {
+        guides.reverse();
+    }
+    let (anchor, sign) = if overflows { (Anchor::End, -1.0) } else { (Anchor::Start, 1.0) };
+    let mut placed: Vec<PlacedGuide<'_>> = Vec::new();
+    for guide in guides {
+        let end = sign * place(guide) + text::width(&guide.label, TICK_SIZE) + 2.0 * GAP;
+        let under = placed.iter().filter(|other| end > sign * place(other.guide)).map(|other| other.row + 1).max();
+        placed.push(PlacedGuide { guide, row: under.unwrap_or(0), anchor });
+    }
+    placed
+}
+
+/// The list of what the curves mean.
+struct Legend {
+    place: LegendPlace,
+    /// For each curve the lines of its text; empty for curves that need none.
+    entries: Vec<Vec<String>>,
+    column_width: f64,
+    columns: usize,
+}
+
+#[derive(PartialEq)]
+enum LegendPlace {
+    None,
+    Beside,
+    Below,
+}
+
+impl Legend {
+    fn of(chart: &Chart, width: f64) -> Self {
+        let texts: Vec<String> = chart.curves.iter().map(legend_text).collect();
+        let is_needed =
+            texts.iter().any(|text| !text.is_empty()) && (texts.len() > 1 || chart.curves.iter().any(|curve| curve.fit.is_some()));
+        if !is_needed {
+            return Self { place: LegendPlace::None, entries: Vec::new(), column_width: 0.0, columns: 1 };
+        }
+        let room = width - 2.0 * BORDER;
+        let limit = room - SAMPLE_WIDTH - GAP;
+        let entries: Vec<Vec<String>> = texts.iter().map(|text| text::wrapped(text, LEGEND_SIZE, limit)).collect();
+        let widest = entries.iter().flatten().map(|line| text::width(line, LEGEND_SIZE)).fold(0.0, f64::max);
+        let column_width = SAMPLE_WIDTH + GAP + widest;
+        if column_width <= 0.3 * width && chart.heat.is_none() {
+            return Self { place: LegendPlace::Beside, entries, column_width, columns: 1 };
+        }
+        let columns = ((room + 3.0 * GAP) / (column_width + 3.0 * GAP)).floor().clamp(1.0, entries.len() as f64) as usize;
+        Self { place: LegendPlace::Below, entries, column_width, columns }
+    }
+
+    fn rows(&self) -> usize {
+        self.entries.len().div_ceil(self.columns)
+    }
+
+    /// Height of row `row`: the entry with most lines decides.
+    fn row_height(&self, row: usize) -> f64 {
+        let lines = self.entries.iter().skip(row * self.columns).take(self.columns).map(Vec::len).max().unwrap_or(1);
+        line_height(LEGEND_SIZE) * lines.max(1) as f64 + 1.0
+    }
+
+    fn height(&self) -> f64 {
+        (0..self.rows()).map(|row| self.row_height(row)).sum()
+    }
+
+    fn height_below(&self) -> f64 {
+        if self.place == LegendPlace::Below { self.height() + 1.5 * GAP } else { 0.0 }
+    }
+
+    fn width_beside(&self) -> f64 {
+        if self.place == LegendPlace::Beside { self.column_width + 2.5 * GAP } else { 0.0 }
+    }
+
+    fn least_frame_height(&self) -> f64 {
+        if self.place == LegendPlace::Beside { self.height() } else { 0.0 }
+    }
+}
+
+/// The label of a curve with its fitted slope.
+fn legend_text(curve: &Curve) -> String {
+    let Some(fit) = &curve.fit else { return curve.label.clone() };
+    let decimals = 3;
+    let error = fit.slope_error.map_or(String::new(), |error| format!(" ± {}", axis::fixed(error, decimals)));
+    let slope = format!("slope {}{error}", axis::fixed(fit.slope, decimals));
+    if curve.label.is_empty() { slope } else { format!("{}: {slope}", curve.label) }
+}
+
+fn has_markers(curve: &Curve) -> bool {
+    match curve.look {
+        Look::Points => true,
+        Look::Line => curve.points.len() <= MARKER_LIMIT,
+        Look::Steps | Look::Filled | Look::Bars | Look::Level => false,
+    }
+}
+
+fn draw_axes(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
+    let frame = &page.frame;
+    let is_named = |axis: &Axis| !axis.categories.is_empty();
+    for value in &page.x_ticks.minor {
+        vertical(canvas, frame, frame.at_x(*value), 0.5, FINE_GRID);
+    }
+    for value in &page.y_ticks.minor {
+        horizontal(canvas, frame, frame.at_y(*value), 0.5, FINE_GRID);
+    }
+    if chart.heat.is_none() {
+        for tick in page.x_ticks.major.iter().filter(|_| !is_named(&chart.x)) {
+            vertical(canvas, frame, frame.at_x(tick.value), 0.6, GRID);
+        }
+        for tick in page.y_ticks.major.iter().filter(|_| !is_named(&chart.y)) {
+            horizontal(canvas, frame, frame.at_y(tick.value), 0.6, GRID);
+        }
+    }
+}
+
+fn vertical(canvas: &mut Canvas, frame: &Frame, x: f64, width: f64, ink: Ink) {
+    canvas.stroke(vec![[x, frame.low[1]], [x, frame.high[1]]], width, ink);
+}
+
+fn horizontal(canvas: &mut Canvas, frame: &Frame, y: f64, width: f64, ink: Ink) {
+    canvas.stroke(vec![[frame.low[0], y], [frame.high[0], y]], width, ink);
+}
+
+/// The two sides that carry numbers, over what data reach onto them.
+fn draw_frame(canvas: &mut Canvas, frame: &Frame) {
+    let [left, top] = frame.low;
+    let [right, bottom] = frame.high;
+    canvas.stroke(vec![[left, top], [left, bottom], [right, bottom]], 0.8, BLACK);
+}
+
+fn draw_guides(canvas: &mut Canvas, page: &Page<'_>) {
+    let frame = &page.frame;
+    for PlacedGuide { guide, row, anchor } in &page.guides {
+        let x = frame.at_x(guide.at);
+        let baseline = frame.low[1] - 4.0 - *row as f64 * line_height(TICK_SIZE);
+        let top = baseline - CAPITAL_HEIGHT * TICK_SIZE;
+        canvas.dashed(vec![[x, frame.high[1]], [x, frame.low[1]]], palette::dashes(1), 0.8, GREY);
+        canvas.stroke(vec![[x, frame.low[1]], [x, top]], 0.6, GREY);
+        let shift = if *anchor == Anchor::Start { 2.5 } else { -2.5 };
+        write(canvas, &guide.label, [x + shift, baseline], *anchor, TICK_SIZE, BLACK);
+    }
+}
+
+fn draw_level_guides(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
+    let frame = &page.frame;
+    for guide in chart.guides.iter().filter(|guide| guide.axis == GuideAxis::Y) {
+        let y = frame.at_y(guide.at);
+        if frame.contains([frame.low[0], y]) {
+            canvas.dashed(vec![[frame.low[0], y], [frame.high[0], y]], palette::dashes(1), 0.8, GREY);
+            write(canvas, &guide.label, [frame.high[0] + GAP, y + CAPITAL_HEIGHT * TICK_SIZE / 2.0], Anchor::Start, TICK_SIZE, BLACK);
+        }
+    }
+}
+
+fn heat_span(heat: &Heat) -> Span {
+    axis::span(&heat.axis, heat.values.iter().flatten().copied(), Reach { margin: 0.0, is_from_zero: false })
+}
+
+fn draw_heat(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
+    let Some(heat) = &chart.heat else { return };
+    let frame = &page.frame;
+    let span = heat_span(heat);
+    let columns = heat.x_edges.len() - 1;
+    for (index, value) in heat.values.iter().enumerate() {
+        let Some(fraction) = value.and_then(|value| span.fraction(value)) else { continue };
+        let (row, column) = (index / columns, index % columns);
+        let [x0, x1] = [0, 1].map(|k| frame.at_x(heat.x_edges[column + k]).clamp(frame.low[0], frame.high[0]));
+        let [y0, y1] = [0, 1].map(|k| frame.at_y(heat.y_edges[row + k]).clamp(frame.low[1], frame.high[1]));
+        // A little overlap to the right and up hides the seams that viewers leave between neighbors.
+        canvas.rectangle([x0, y1], [(x1 + 0.3).min(frame.high[0]), (y0 + 0.3).min(frame.high[1])], palette::heat(fraction));
+    }
+    draw_color_bar(canvas, heat, page, span);
+}
+
+fn draw_color_bar(canvas: &mut Canvas, heat: &Heat, page: &Page<'_>, span: Span) {
+    let (left, top, bottom) = (page.beside, page.frame.low[1], page.frame.high[1]);
+    let right = left + COLOR_BAR_WIDTH;
+    let height = bottom - top;
+    let bands = 128;
+    for band in 0..bands {
+        let fraction = (f64::from(band) + 0.5) / f64::from(bands);
+        let low = bottom - height * f64::from(band) / f64::from(bands);
+        let high = (bottom - height * f64::from(band + 1) / f64::from(bands) - 0.3).max(top);
+        canvas.rectangle([left, high], [right, low], palette::heat(fraction));
+    }
+    for tick in &page.color_ticks.major {
+        let y = bottom - span.fraction_or_below(tick.value) * height;
+        canvas.stroke(vec![[right, y], [right + TICK_LENGTH, y]], 0.8, BLACK);
+        write(canvas, &tick.label, [right + TICK_LENGTH + 2.0, y + CAPITAL_HEIGHT * TICK_SIZE / 2.0], Anchor::Start, TICK_SIZE, BLACK);
+    }
+    let title = axis::title(&heat.axis, page.color_ticks.exponent);
+    let x = right + TICK_LENGTH + 2.0 + widest(&page.color_ticks.major, TICK_SIZE) + GAP + CAPITAL_HEIGHT * LABEL_SIZE;
+    write_turned(canvas, &title, [x, (top + bottom) / 2.0], fitting_size(&title, LABEL_SIZE, height));
+}
+
+/// Bands lie under all curves, so that none hides another's line.
+fn draw_bands(canvas: &mut Canvas, chart: &Chart, frame: &Frame) {
+    for curve in chart.curves.iter().filter(|curve| curve.interval == IntervalLook::Band && curve.look != Look::Level) {
+        let ends: Vec<(f64, [f64; 2])> = curve.points.iter().filter_map(|point| Some((point.x, point.interval?))).collect();
+        let upper = ends.iter().map(|(x, [_, high])| frame.at(*x, *high));
+        let lower = ends.iter().rev().map(|(x, [low, _])| frame.at(*x, *low));
+        canvas.area(clipped_area(upper.chain(lower).collect(), frame.low, frame.high), palette::hue(curve.hue).with_opacity(0.2));
+    }
+}
+
+fn draw_curve(canvas: &mut Canvas, chart: &Chart, index: usize, curve: &Curve, frame: &Frame) {
+    let ink = palette::hue(curve.hue);
+    let places: Vec<[f64; 2]> =
+        curve.points.iter().filter(|point| is_drawable(point, frame)).map(|point| frame.at(point.x, point.y)).collect();
+    match curve.look {
+        Look::Line => draw_line(canvas, &places, curve, frame),
+        Look::Steps => draw_line(canvas, &staircase(&places), curve, frame),
+        Look::Filled => {
+            let floor = frame.at_y(0.0).min(frame.high[1] + 1e3);
+            let mut outline = staircase(&places);
+            if let (Some(first), Some(last)) = (outline.first().copied(), outline.last().copied()) {
+                outline.extend([[last[0], floor], [first[0], floor]]);
+                canvas.area(clipped_area(outline.clone(), frame.low, frame.high), ink.with_opacity(0.35));
+                outline.rotate_right(1);
+                draw_line(canvas, &outline, curve, frame);
+            }
+        }
+        Look::Bars => draw_bars(canvas, chart, index, frame),
+        Look::Level => {
+            let level = curve.points.first().map(|point| frame.at_y(point.y));
+            for y in level.filter(|y| frame.contains([frame.low[0], *y])) {
+                canvas.dashed(vec![[frame.low[0], y], [frame.high[0], y]], palette::dashes(1), LINE_WIDTH, ink);
+            }
+        }
+        Look::Points => {}
+    }
+    draw_fit(canvas, curve, frame);
+    if curve.look != Look::Bars && (curve.interval == IntervalLook::Whiskers || curve.look == Look::Points) {
+        draw_whiskers(canvas, curve, frame);
+    }
+    if has_markers(curve) {
+        for place in places.iter().filter(|place| frame.contains(**place)) {
+            draw_marker(canvas, *place, curve.hue, MARKER_RADIUS);
+        }
+    }
+}
+
+fn is_drawable(point: &Point, frame: &Frame) -> bool {
+    frame.x.fraction(point.x).is_some() && frame.y.fraction(point.y).is_some()
+}
+
+fn draw_line(canvas: &mut Canvas, places: &[[f64; 2]], curve: &Curve, frame: &Frame) {
+    // Dense curves are drawn thinner: their turns would run together.
+    let width = if places.len() > 300 { 0.8 * LINE_WIDTH } else { LINE_WIDTH };
+    for part in clipped_line(places, frame.low, frame.high) {
+        canvas.dashed(part, palette::dashes(curve.dash), width, palette::hue(curve.hue));
+    }
+}
+
+/// The corners of a staircase: each height holds until the next place.
+fn staircase(places: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let mut corners: Vec<[f64; 2]> = places.first().copied().into_iter().collect();
+    for pair in places.windows(2) {
+        corners.extend([[pair[1][0], pair[0][1]], pair[1]]);
+    }
+    corners
+}
+
+fn draw_fit(canvas: &mut Canvas, curve: &Curve, frame: &Frame) {
+    let Some(fit) = &curve.fit else { return };
+    let value = |x: f64| fit.coefficient * elementary::pow(x, fit.slope);
+    let [from, to] = fit.range;
+    // A power law is straight on two logarithmic axes and bent on all others.
+    let places: Vec<[f64; 2]> = (0..=64)
+        .map(|step| from * elementary::pow(to / from, f64::from(step) / 64.0))
+        .filter(|x| frame.x.fraction(*x).is_some() && frame.y.fraction(value(*x)).is_some())
+        .map(|x| frame.at(x, value(x)))
+        .collect();
+    for part in clipped_line(&places, frame.low, frame.high) {
+        canvas.dashed(part, palette::dashes(1), 0.8, palette::hue(curve.hue));
+    }
+}
+
+fn draw_whiskers(canvas: &mut Canvas, curve: &Curve, frame: &Frame) {
+    let ink = palette::hue(curve.hue);
+    for point in curve.points.iter().filter(|point| frame.x.fraction(point.x).is_some()) {
+        let Some([low, high]) = point.interval else { continue };
+        draw_whisker(canvas, frame.at_x(point.x), [low, high], frame, ink);
+    }
+}
+
+fn draw_whisker(canvas: &mut Canvas, x: f64, interval: [f64; 2], frame: &Frame, ink: Ink) {
+    const HALF_CAP: f64 = 2.2;
+    let [bottom, top] = interval.map(|value| frame.at_y(value));
+    for part in clipped_line(&[[x, bottom], [x, top]], frame.low, frame.high) {
+        canvas.stroke(part, 0.9, ink);
+    }
+    for y in [bottom, top].into_iter().filter(|y| frame.contains([x, *y])) {
+        canvas.stroke(vec![[x - HALF_CAP, y], [x + HALF_CAP, y]], 0.9, ink);
+    }
+}
+
+/// A shape in the curve's color with a thin white rim, so that it stands apart from lines under it.
+fn draw_marker(canvas: &mut Canvas, [x, y]: [f64; 2], index: usize, radius: f64) {
+    for (radius, ink) in [(radius + 0.6, WHITE), (radius, palette::hue(index))] {
+        match palette::marker(index) {
+            None => canvas.disk([x, y], radius, ink),
+            Some(outline) => canvas.area(outline.iter().map(|[dx, dy]| [x + dx * radius, y + dy * radius]).collect(), ink),
+        }
+    }
+}
+
+/// The bars of curve number `index`, beside those of the others at the same places.
+fn draw_bars(canvas: &mut Canvas, chart: &Chart, index: usize, frame: &Frame) {
+    let places: Vec<f64> = own_x(chart).into_iter().filter(|x| frame.x.fraction(*x).is_some()).map(|x| frame.at_x(x)).collect();
+    let mut sorted = places.clone();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    let nearest = sorted.windows(2).map(|pair| pair[1] - pair[0]).fold((frame.high[0] - frame.low[0]) / 2.0, f64::min);
+    let is_bars = |curve: &&Curve| curve.look == Look::Bars;
+    let count = chart.curves.iter().filter(is_bars).count() as f64;
+    let position = chart.curves[..index].iter().filter(is_bars).count() as f64;
+    let width = (0.8 * nearest / count).min(60.0);
+    let floor = if frame.y.scale == Scale::Logarithmic { frame.high[1] } else { frame.at_y(0.0).clamp(frame.low[1], frame.high[1]) };
+    let curve = &chart.curves[index];
+    for point in curve.points.iter().filter(|point| is_drawable(point, frame)) {
+        let center = frame.at_x(point.x) + (position - (count - 1.0) / 2.0) * width;
+        let bar = vec![[center - 0.46 * width, floor], [center + 0.46 * width, floor]];
+        let y = frame.at_y(point.y);
+        let bar = bar.into_iter().chain([[center + 0.46 * width, y], [center - 0.46 * width, y]]).collect();
+        canvas.area(clipped_area(bar, frame.low, frame.high), palette::hue(curve.hue));
+        if let Some(interval) = point.interval {
+            draw_whisker(canvas, center, interval, frame, BLACK);
+        }
+    }
+}
+
+fn draw_texts(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
+    draw_level_guides(canvas, chart, page);
+    let mut top = BORDER;
+    for line in &page.title {
+        write(canvas, line, [page.size[0] / 2.0, top + TITLE_SIZE], Anchor::Middle, TITLE_SIZE, BLACK);
+        top += line_height(TITLE_SIZE);
+    }
+    let bottom = draw_x_labels(canvas, chart, page);
+    draw_y_labels(canvas, chart, page);
+    draw_legend(canvas, chart, page, bottom);
+    let notes_top = page.size[1] - BORDER - lines_height(&page.notes, NOTE_SIZE);
+    for (index, line) in page.notes.iter().enumerate() {
+        let baseline = notes_top + index as f64 * line_height(NOTE_SIZE) + NOTE_SIZE;
+        write(canvas, line, [BORDER, baseline], Anchor::Start, NOTE_SIZE, GREY);
+    }
+}
+
+/// Numbers and label below the frame; gives where they end.
+fn draw_x_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) -> f64 {
+    let (frame, ticks) = (&page.frame, &page.x_ticks);
+    let bottom = frame.high[1];
+    for value in &ticks.minor {
+        let x = frame.at_x(*value);
+        canvas.stroke(vec![[x, bottom], [x, bottom + 0.6 * TICK_LENGTH]], 0.6, BLACK);
+    }
+    let baseline = bottom + TICK_LENGTH + 2.0 + TICK_SIZE;
+    for tick in &ticks.major {
+        let x = frame.at_x(tick.value);
+        canvas.stroke(vec![[x, bottom], [x, bottom + TICK_LENGTH]], 0.8, BLACK);
+        let half = text::width(&tick.label, TICK_SIZE) / 2.0;
+        let x = x.clamp(BORDER + half, page.size[0] - BORDER - half);
+        write(canvas, &tick.label, [x, baseline], Anchor::Middle, TICK_SIZE, BLACK);
+    }
+    let under_ticks = bottom + TICK_LENGTH + 2.0 + line_height(TICK_SIZE);
+    let title = axis::title(&chart.x, ticks.exponent);
+    if title.is_empty() {
+        return under_ticks;
+    }
+    let size = fitting_size(&title, LABEL_SIZE, page.size[0] - 2.0 * BORDER);
+    let half = text::width(&title, size) / 2.0;
+    let center = ((frame.low[0] + frame.high[0]) / 2.0).clamp(BORDER + half, page.size[0] - BORDER - half);
+    write(canvas, &title, [center, under_ticks + 1.0 + LABEL_SIZE], Anchor::Middle, size, BLACK);
+    under_ticks + 1.0 + line_height(LABEL_SIZE)
+}
+
+fn draw_y_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
+    let (frame, ticks) = (&page.frame, &page.y_ticks);
+    let left = frame.low[0];
+    for value in &ticks.minor {
+        let y = frame.at_y(*value);
+        canvas.stroke(vec![[left - 0.6 * TICK_LENGTH, y], [left, y]], 0.6, BLACK);
+    }
+    for tick in &ticks.major {
+        let y = frame.at_y(tick.value);
+        canvas.stroke(vec![[left - TICK_LENGTH, y], [left, y]], 0.8, BLACK);
+        write(canvas, &tick.label, [left - TICK_LENGTH - 2.0, y + CAPITAL_HEIGHT * TICK_SIZE / 2.0], Anchor::End, TICK_SIZE, BLACK);
+    }
+    let title = axis::title(&chart.y, ticks.exponent);
+    let room = page.size[1] - 2.0 * BORDER;
+    let size = fitting_size(&title, LABEL_SIZE, room);
+    let half = text::width(&title, size) / 2.0;
+    let middle = ((frame.low[1] + frame.high[1]) / 2.0)
+        .clamp((BORDER + half).min(page.size[1] / 2.0), (page.size[1] - BORDER - half).max(page.size[1] / 2.0));
+    write_turned(canvas, &title, [BORDER + LABEL_SIZE, middle], size);
+}
+
+/// The size at which a line fits, at most `size`.
+fn fitting_size(line: &str, size: f64, room: f64) -> f64 {
+    let width = text::width(line, size);
+    if width > room { size * room / width } else { size }
+}
+
+fn draw_legend(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>, bottom: f64) {
+    let legend = &page.legend;
+    let [left, mut top] = match legend.place {
+        LegendPlace::None => return,
+        LegendPlace::Beside => [page.size[0] - BORDER - legend.column_width, page.frame.low[1]],
+        LegendPlace::Below => {
+            let width = legend.columns as f64 * (legend.column_width + 3.0 * GAP) - 3.0 * GAP;
+            let center = ((page.frame.low[0] + page.frame.high[0]) / 2.0).min(page.size[0] - BORDER - width / 2.0);
+            [(center - width / 2.0).max(BORDER), bottom + 1.5 * GAP]
+        }
+    };
+    for row in 0..legend.rows() {
+        for column in 0..legend.columns {
+            let index = row * legend.columns + column;
+            if let Some(lines) = legend.entries.get(index) {
+                let x = left + column as f64 * (legend.column_width + 3.0 * GAP);
+                draw_entry(canvas, &chart.curves[index], lines, [x, top]);
+            }
+        }
+        top += legend.row_height(row);
+    }
+}
+
+fn draw_entry(canvas: &mut Canvas, curve: &Curve, lines: &[String], [x, top]: [f64; 2]) {
+    let ink = palette::hue(curve.hue);
+    let middle = top + LEGEND_SIZE - CAPITAL_HEIGHT * LEGEND_SIZE / 2.0;
+    let line = vec![[x, middle], [x + SAMPLE_WIDTH, middle]];
+    match curve.look {
+        Look::Filled | Look::Bars => {
+            let opacity = if curve.look == Look::Bars { 1.0 } else { 0.35 };
+            canvas.rectangle([x + 4.0, middle - 3.2], [x + SAMPLE_WIDTH - 4.0, middle + 3.2], ink.with_opacity(opacity));
+        }
+        Look::Level => canvas.dashed(line, palette::dashes(1), LINE_WIDTH, ink),
+        Look::Line | Look::Steps => canvas.dashed(line, palette::dashes(curve.dash), LINE_WIDTH, ink),
+        Look::Points => {}
+    }
+    if has_markers(curve) {
+        draw_marker(canvas, [x + SAMPLE_WIDTH / 2.0, middle], curve.hue, MARKER_RADIUS);
+    }
+    for (index, line) in lines.iter().enumerate() {
+        let baseline = top + LEGEND_SIZE + index as f64 * line_height(LEGEND_SIZE);
+        write(canvas, line, [x + SAMPLE_WIDTH + GAP, baseline], Anchor::Start, LEGEND_SIZE, BLACK);
+    }
+}
+
+fn write(canvas: &mut Canvas, line: &str, position: [f64; 2], anchor: Anchor, size: f64, ink: Ink) {
+    canvas.text(Label { text: line.into(), position, anchor, size, is_turned: false, ink });
+}
+
+fn write_turned(canvas: &mut Canvas, line: &str, position: [f64; 2], size: f64) {
+    canvas.text(Label { text: line.into(), position, anchor: Anchor::Middle, size, is_turned: true, ink: BLACK });
+}

@@ -1,1 +1,0 @@
-//! FLIP and HDR-FLIP.

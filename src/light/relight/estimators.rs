@@ -1,0 +1,262 @@
+//! A diffuse sphere from directions with weights: samples in the reports' ways and the unbiased one, or lights.
+//!
+//! Every estimate here is (albedo / pi) sum_k (n . d_k)+ X_k, and an estimator is a choice of X. One set serves
+//! all normals, so that errors are smooth and alike in neighboring pixels. What each estimator tends to
+//! is in `limits`.
+//!
+//! X after the first coursework report's equations 4 and 5; the unbiased form is Monte Carlo integration with
+//! importance sampling (Pharr, Jakob and Humphreys, "Physically based rendering", 13.10).
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::image::raster::Image;
+use crate::light::envmap::{Angles, EnvMap, theta_of_row};
+use crate::light::lights::LightSet;
+use crate::light::relight::sphere::{self, Scanline};
+use crate::light::samples::{Frame, Sample, SampleSet};
+use crate::math::elementary;
+
+/// How a sample's radiance and probability become its weight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SampleEstimator {
+    /// X = L: the first report's equation 4; tends to a mean weighted by brightness, not to the radiance.
+    EqualWeight,
+    /// X = I (R, G, B) / |RGB| / P: the first report's equation 5 as printed, without solid angle.
+    NormalizedColor,
+    /// X = I sin(theta) (R, G, B) / |RGB| / P: the other reading of equation 5.
+    NormalizedColorSine,
+    /// X = L / p: unbiased.
+    PdfWeighted,
+}
+
+impl SampleEstimator {
+    /// Its name, as in a pipeline file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::EqualWeight => "equal-weight",
+            Self::NormalizedColor => "normalized-color",
+            Self::NormalizedColorSine => "normalized-color-sine",
+            Self::PdfWeighted => "pdf-weighted",
+        }
+    }
+}
+
+/// Samples that cannot light a sphere in the way asked for.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum RelightError {
+    /// An empty set has no mean.
+    #[error("there are no samples to average; draw at least one")]
+    NoSamples,
+    /// No radiance is known.
+    #[error("the samples carry no radiance; set `env` to the map that lights the sphere")]
+    NoRadiance,
+    /// Pixel indices mean another map.
+    #[error(
+        "the samples count pixels of a map of `{}x{}`, `env` has `{}x{}`; set `env` to a map of the size that was sampled",
+        sampled[0], sampled[1], map[0], map[1]
+    )]
+    OtherMap {
+        /// Width and height of the map the samples come from.
+        sampled: [usize; 2],
+        /// Width and height of the map that was given.
+        map: [usize; 2],
+    },
+    /// Equation 5 divides by the probability of a pixel.
+    #[error("`{estimator}` needs samples drawn from a map's pixels; use `pdf-weighted`, or draw from a distribution")]
+    NoPixels {
+        /// The estimator.
+        estimator: &'static str,
+    },
+}
+
+/// Directions with weights, in blocks that fit the registers.
+#[derive(Debug, Clone)]
+pub struct WeightedDirections {
+    blocks: Vec<Block>,
+    /// Samples left out because their probability is 0: an inversion can reach such pixels, an estimate cannot use them.
+    pub skipped_count: usize,
+}
+
+/// Two f64 fill a register of the baseline instruction set.
+const LANES: usize = 2;
+
+/// Normals that share each block while it is in registers.
+const NORMALS: usize = 2;
+
+/// How many blocks are summed before the caller is asked whether to stop: about a tenth of a millisecond.
+const BLOCKS_PER_CHECK: usize = 1 << 15;
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Block {
+    direction: [[f64; LANES]; 3],
+    weight: [[f64; LANES]; 3],
+}
+
+impl WeightedDirections {
+    /// Samples in world space under an estimator, each weighted by X / N.
+    ///
+    /// Radiance is that of the sampled pixel of `map`, or the samples' own where no map is given. Where the
+    /// samples come from no map, the pixel is the one that contains the direction.
+    ///
+    /// # Errors
+    /// See [`RelightError`].
+    ///
+    /// # Panics
+    /// If the samples are about a normal; see `turned`.
+    pub fn of_samples(samples: &SampleSet, map: Option<&EnvMap>, estimator: SampleEstimator) -> Result<Self, RelightError> {
+        assert_eq!(samples.frame, Frame::World, "samples about a normal have no fixed direction");
+        check_sizes(samples, map)?;
+        let needs_pixels = matches!(estimator, SampleEstimator::NormalizedColor | SampleEstimator::NormalizedColorSine);
+        if needs_pixels && samples.map_width == 0 {
+            return Err(RelightError::NoPixels { estimator: estimator.name() });
+        }
+
+        let scale = 1.0 / samples.samples.len() as f64;
+        let angles = map.map_or(Angles::Center, |map| map.angles);
+        let mut skipped_count = 0;
+        let mut weighted = Vec::with_capacity(samples.samples.len());
+        for sample in &samples.samples {
+            let radiance = radiance_of(sample, samples, map)?;
+            let sine = || elementary::sin(theta_of_row(sample.y as usize, samples.map_height as usize, angles));
+            match weight(estimator, sample, radiance, sine) {
+                Some(weight) => weighted.push((sample.direction, weight.map(|channel| channel * scale))),
+                None => skipped_count += 1,
+            }
+        }
+        Ok(Self { blocks: blocks(&weighted), skipped_count })
+    }
+
+    /// Lights, each weighted by its irradiance.
+    pub fn of_lights(lights: &LightSet) -> Self {
+        let weighted: Vec<_> = lights.lights.iter().map(|light| (light.direction, light.irradiance)).collect();
+        Self { blocks: blocks(&weighted), skipped_count: 0 }
+    }
+
+    /// Irradiance on a surface with that unit normal: the sum of weight times cosine.
+    pub fn irradiance(&self, normal: DVec3) -> [f64; 3] {
+        let mut sums = Sums::default();
+        sums.add(&self.blocks, [normal; NORMALS]);
+        sums.totals()[0]
+    }
+
+    /// The radiance of a diffuse sphere of `size` x `size` pixels.
+    ///
+    /// # Errors
+    /// What `check` gives.
+    pub fn relight<E: Send>(&self, size: usize, albedo: [f64; 3], check: impl Fn() -> Result<(), E> + Sync) -> Result<Image, E> {
+        sphere::picture(size, |line| self.radiances(line, albedo, &check))
+    }
+
+    fn radiances<E>(&self, line: &Scanline, albedo: [f64; 3], check: &impl Fn() -> Result<(), E>) -> Result<Vec<[f64; 3]>, E> {
+        let mut colors = Vec::with_capacity(line.normals.len() + 1);
+        for normals in line.normals.chunks(NORMALS) {
+            let mut sums = Sums::default();
+            for blocks in self.blocks.chunks(BLOCKS_PER_CHECK) {
+                check()?;
+                sums.add(blocks, [normals[0], normals[normals.len() - 1]]);
+            }
+            colors.extend(sums.totals().map(|irradiance| reflected(albedo, irradiance)));
+        }
+        colors.truncate(line.normals.len());
+        Ok(colors)
+    }
+}
+
+/// Radiance of a diffuse surface, (albedo / pi) E, in every channel.
+pub fn reflected(albedo: [f64; 3], irradiance: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|channel| albedo[channel] / PI * irradiance[channel])
+}
+
+/// That there are samples, and that they mean pixels of this map.
+pub(super) fn check_sizes(samples: &SampleSet, map: Option<&EnvMap>) -> Result<(), RelightError> {
+    if samples.samples.is_empty() {
+        return Err(RelightError::NoSamples);
+    }
+    let sampled = [samples.map_width as usize, samples.map_height as usize];
+    match map.map(|map| [map.width(), map.height()]) {
+        Some(map) if sampled != [0, 0] && sampled != map => Err(RelightError::OtherMap { sampled, map }),
+        _ => Ok(()),
+    }
+}
+
+fn radiance_of(sample: &Sample, samples: &SampleSet, map: Option<&EnvMap>) -> Result<[f64; 3], RelightError> {
+    let radiance = match map {
+        Some(map) if samples.map_width == 0 => Some(map.nearest(sample.direction)),
+        Some(map) => Some(map.raster.pixel(sample.x as usize, sample.y as usize)),
+        None => sample.radiance,
+    };
+    radiance.map(|rgb| rgb.map(f64::from)).ok_or(RelightError::NoRadiance)
+}
+
+/// X of an estimator; `None` where it divides by a probability of 0.
+fn weight(estimator: SampleEstimator, sample: &Sample, radiance: [f64; 3], sine: impl Fn() -> f64) -> Option<[f64; 3]> {
+    let scaled = |color: [f64; 3], numerator: f64, probability: f64| {
+        (probability > 0.0).then(|| color.map(|channel| channel * (numerator / probability)))
+    };
+    match estimator {
+        SampleEstimator::EqualWeight => Some(radiance),
+        SampleEstimator::PdfWeighted => scaled(radiance, 1.0, sample.pdf),
+        SampleEstimator::NormalizedColor => scaled(color_direction(radiance), intensity(radiance), sample.pmf),
+        SampleEstimator::NormalizedColorSine => scaled(color_direction(radiance), intensity(radiance) * sine(), sample.pmf),
+    }
+}
+
+/// I = (R + G + B) / 3, the reports' intensity.
+pub fn intensity([r, g, b]: [f64; 3]) -> f64 {
+    (r + g + b) / 3.0
+}
+
+/// (R, G, B) / sqrt(R^2 + G^2 + B^2); black stays black.
+pub(super) fn color_direction([r, g, b]: [f64; 3]) -> [f64; 3] {
+    let length = (r * r + g * g + b * b).sqrt();
+    if length > 0.0 { [r / length, g / length, b / length] } else { [0.0; 3] }
+}
+
+fn blocks(weighted: &[(DVec3, [f64; 3])]) -> Vec<Block> {
+    let filled = |chunk: &[(DVec3, [f64; 3])]| {
+        let mut block = Block::default();
+        for (lane, (direction, weight)) in chunk.iter().enumerate() {
+            for axis in 0..3 {
+                block.direction[axis][lane] = direction[axis];
+                block.weight[axis][lane] = weight[axis];
+            }
+        }
+        block
+    };
+    weighted.chunks(LANES).map(filled).collect()
+}
+
+/// Running sums for a few normals; lanes are added up last, always in the same order.
+#[derive(Default)]
+struct Sums([[[f64; LANES]; 3]; NORMALS]);
+
+impl Sums {
+    fn add(&mut self, blocks: &[Block], normals: [DVec3; NORMALS]) {
+        // A copy lives in registers, the field does not.
+        let mut sums = self.0;
+        for Block { direction, weight } in blocks {
+            for (sums, n) in sums.iter_mut().zip(&normals) {
+                let mut cosines = [0.0; LANES];
+                for lane in 0..LANES {
+                    let cosine = n.x * direction[0][lane] + n.y * direction[1][lane] + n.z * direction[2][lane];
+                    cosines[lane] = if cosine > 0.0 { cosine } else { 0.0 };
+                }
+                for (sums, weight) in sums.iter_mut().zip(weight) {
+                    for lane in 0..LANES {
+                        sums[lane] += cosines[lane] * weight[lane];
+                    }
+                }
+            }
+        }
+        self.0 = sums;
+    }
+
+    fn totals(&self) -> [[f64; 3]; NORMALS] {
+        self.0.map(|channels| channels.map(|lanes| lanes[0] + lanes[1]))
+    }
+}

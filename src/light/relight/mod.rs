@@ -1,0 +1,13 @@
+//! A sphere under a map: from samples, from lights, from nine harmonics, and exactly.
+//!
+//! Radiances of a diffuse sphere are (albedo / pi) times a sum of radiance, solid angle and cosine; the files
+//! differ in what they sum over. Reading order: `sphere` (which normals), `estimators` (samples and
+//! lights), `turned` (samples about each normal), `exact` (every pixel), `limits` (what the
+//! estimators tend to), `views` (mirror and normals).
+
+pub mod estimators;
+pub mod exact;
+pub mod limits;
+pub mod sphere;
+pub mod turned;
+pub mod views;

@@ -1,1 +1,0 @@
-//! Maps without a file.
