@@ -20,19 +20,19 @@ pub mod parameter;
 pub mod publish;
 pub mod reference;
 pub mod registry;
-pub mod run;
-pub mod schedule;
-pub mod signature;
 pub mod relation;
 pub mod request;
+pub mod run;
 pub mod schedule;
 pub mod schema;
+pub mod signature;
 pub mod source;
 pub mod stage;
 pub mod store;
 pub mod substitution;
 pub mod sweep;
 pub mod system;
+pub mod yaml;
+
 #[cfg(test)]
 mod trial;
-pub mod yaml;
