@@ -20,7 +20,8 @@ pub fn encoded(image: &Image) -> (Picture, Vec<String>) {
     let is_outside = |pixel: &&[f32; 3]| pixel.iter().any(|value| !(0.0..=1.0).contains(value));
     let count = color.pixels().par_iter().filter(is_outside).count();
     let share = 100.0 * count as f64 / color.pixels().len().max(1) as f64;
-    let warning = (count > 0).then(|| format!("{count} pixels ({share:.2} %) have values outside [0, 1] and were clipped: use `tone-map` to choose how"));
+    let warning = (count > 0)
+        .then(|| format!("{count} pixels ({share:.2} %) have values outside [0, 1] and were clipped: use `tone-map` to choose how"));
     let picture = Picture { width: color.width(), height: color.height(), samples: PictureSamples::Eight(samples), alpha };
     (picture, warning.into_iter().collect())
 }

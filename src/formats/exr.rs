@@ -271,13 +271,7 @@ enum Values {
 }
 
 impl Storage {
-    fn checked(
-        header: &Header,
-        wanted: Wanted,
-        window: &Window,
-        limits: &Limits,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self, FormatError> {
+    fn checked(header: &Header, wanted: Wanted, window: &Window, limits: &Limits, warnings: &mut Vec<String>) -> Result<Self, FormatError> {
         let of_one = |target: &Target| if *target == Target::Color { 12 } else { 4 };
         let pixel_count = (window.width * window.height) as u64;
         let block_size = header.max_block_pixel_size();
@@ -422,16 +416,14 @@ fn read_blocks(
     let batch_size = 4 * rayon::current_num_threads();
     let mut arrived = Arrived::none_of(header, chunks.expected_chunk_count());
     loop {
-        let batch: Vec<Chunk> =
-            chunks.by_ref().take(batch_size).collect::<Result<_, _>>().map_err(|error| block_error(&error))?;
+        let batch: Vec<Chunk> = chunks.by_ref().take(batch_size).collect::<Result<_, _>>().map_err(|error| block_error(&error))?;
         if batch.is_empty() {
             return arrived.check_complete();
         }
         for chunk in &batch {
             arrived.note(header, part, chunk)?;
         }
-        let blocks: Vec<_> =
-            batch.into_par_iter().map(|chunk| UncompressedBlock::decompress_chunk(chunk, &meta, false)).collect();
+        let blocks: Vec<_> = batch.into_par_iter().map(|chunk| UncompressedBlock::decompress_chunk(chunk, &meta, false)).collect();
         for block in blocks {
             let place = format!("block (compression {})", header.compression);
             storage.place(&block.map_err(|error| translated(&error, &place))?, window);
@@ -680,7 +672,8 @@ mod tests {
 
     fn layered(width: usize, height: usize) -> Image {
         let value = |index: usize, seed: usize| ((index * 37 + seed * 101) % 997) as f32 / 7.0 - 20.0;
-        let raster = |seed| Raster::new(width, height, (0..width * height).map(|index| [0usize, 1, 2].map(|c| value(index, seed + c))).collect());
+        let raster =
+            |seed| Raster::new(width, height, (0..width * height).map(|index| [0usize, 1, 2].map(|c| value(index, seed + c))).collect());
         let plane = |seed| Plane { width, height, values: (0..width * height).map(|index| value(index, seed)).collect() };
         let layers = [
             ("depth".to_owned(), Layer::Scalar(plane(9))),

@@ -96,9 +96,8 @@ impl Header {
             }
         }
         let line = lines.next()?;
-        let order = ScanOrder::parse(line).ok_or_else(|| {
-            FormatError::damaged(TITLE, format!("resolution line `{}`: expected one like `-Y 512 +X 1024`", shown(line)))
-        })?;
+        let order = ScanOrder::parse(line)
+            .ok_or_else(|| FormatError::damaged(TITLE, format!("resolution line `{}`: expected one like `-Y 512 +X 1024`", shown(line))))?;
         let facts = [("scan order".into(), order.text())].into_iter().chain(variables.facts).collect();
         Ok(Self { order, factors: variables.factors, facts, warnings: variables.warnings, end: lines.position })
     }
@@ -223,8 +222,7 @@ impl ScanOrder {
             return None;
         }
         // Y points up: a file that begins at the top has Y decreasing.
-        let (x_is_minus, y_is_minus) =
-            if first_is_x { (first_is_minus, second_is_minus) } else { (second_is_minus, first_is_minus) };
+        let (x_is_minus, y_is_minus) = if first_is_x { (first_is_minus, second_is_minus) } else { (second_is_minus, first_is_minus) };
         Some(Self {
             is_transposed: first_is_x,
             is_right_first: x_is_minus,

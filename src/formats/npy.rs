@@ -209,7 +209,9 @@ mod tests {
 
     #[test]
     fn other_numbers_and_shapes_are_refused_by_name() {
-        for (bytes, word) in [(write_f64(&[1, 1], &[0.0]), "<f8"), (write_f32(&[1, 1, 2], &[0.0; 2]), "shape"), (write_columns(&["x"], &[1.0]), "numbers")] {
+        for (bytes, word) in
+            [(write_f64(&[1, 1], &[0.0]), "<f8"), (write_f32(&[1, 1, 2], &[0.0; 2]), "shape"), (write_columns(&["x"], &[1.0]), "numbers")]
+        {
             let error = read(&bytes, &Limits::default()).unwrap_err().to_string();
             assert!(error.contains(word), "{error}");
         }

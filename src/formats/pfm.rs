@@ -139,9 +139,9 @@ fn is_white(byte: u8) -> bool {
 
 fn whole(word: &[u8], what: &str) -> Result<u64, FormatError> {
     let digits = word.iter().all(u8::is_ascii_digit).then(|| std::str::from_utf8(word).ok()).flatten();
-    digits.and_then(|digits| digits.parse().ok()).ok_or_else(|| {
-        FormatError::damaged(TITLE, format!("{what} `{}` in the header is not a whole number of pixels", shown(word)))
-    })
+    digits
+        .and_then(|digits| digits.parse().ok())
+        .ok_or_else(|| FormatError::damaged(TITLE, format!("{what} `{}` in the header is not a whole number of pixels", shown(word))))
 }
 
 fn scale(word: &[u8]) -> Result<f64, FormatError> {

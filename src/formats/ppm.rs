@@ -39,7 +39,8 @@ pub fn read(bytes: &[u8], limits: &Limits) -> Result<Decoded, FormatError> {
     if let Some(value) = values.iter().find(|value| **value > largest) {
         return Err(FormatError::damaged(TITLE, format!("the value {value} is over the maximum {largest} of the header")));
     }
-    let pixel = |index: usize| if channels == 3 { [values[3 * index], values[3 * index + 1], values[3 * index + 2]] } else { [values[index]; 3] };
+    let pixel =
+        |index: usize| if channels == 3 { [values[3 * index], values[3 * index + 1], values[3 * index + 2]] } else { [values[index]; 3] };
     let pixels = (0..width * height).map(pixel);
     let samples = if largest < 256 {
         PictureSamples::Eight(pixels.map(|pixel| pixel.map(|value| scaled(value, largest, 255) as u8)).collect())
@@ -189,7 +190,9 @@ mod tests {
 
     #[test]
     fn values_over_the_maximum_and_missing_ones_are_refused() {
-        for (bytes, word) in [(&b"P2 1 1 4 5"[..], "over"), (b"P2 2 1 4 1", "truncated"), (b"P6 1 1 255 ab", "truncated"), (b"P6 1 1 0 a", "maximum")] {
+        for (bytes, word) in
+            [(&b"P2 1 1 4 5"[..], "over"), (b"P2 2 1 4 1", "truncated"), (b"P6 1 1 255 ab", "truncated"), (b"P6 1 1 0 a", "maximum")]
+        {
             let error = read(bytes, &Limits::default()).unwrap_err().to_string();
             assert!(error.contains(word), "{error}");
         }

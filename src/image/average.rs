@@ -226,10 +226,7 @@ mod tests {
     fn images_of_another_size_or_alpha_are_refused() {
         let mut mean = RunningMean::of(&image([1.0; 3]));
         let other_size = Image::opaque(Raster::filled(1, 2, [1.0; 3]));
-        assert_eq!(
-            mean.push(&other_size).unwrap_err().to_string(),
-            "image 2 has 1 x 2 pixels and the first 2 x 1; all must have one size"
-        );
+        assert_eq!(mean.push(&other_size).unwrap_err().to_string(), "image 2 has 1 x 2 pixels and the first 2 x 1; all must have one size");
         let mut other_alpha = image([1.0; 3]);
         other_alpha.alpha = Some(Plane { width: 2, height: 1, values: vec![0.0, 1.0] });
         assert_eq!(mean.push(&other_alpha).unwrap_err(), AverageError::AlphaDiffers { position: 2 });

@@ -117,12 +117,7 @@ fn overlaps(index: usize, source: usize, target: usize, edges: &[f64], measure: 
     (first, shared.into_iter().map(|part| part / total).collect())
 }
 
-fn resampled<E: Send>(
-    raster: &Raster,
-    columns: &Weights,
-    rows: &Weights,
-    check: impl Fn() -> Result<(), E> + Sync,
-) -> Result<Raster, E> {
+fn resampled<E: Send>(raster: &Raster, columns: &Weights, rows: &Weights, check: impl Fn() -> Result<(), E> + Sync) -> Result<Raster, E> {
     let (width, height) = (columns.0.len(), rows.0.len());
     let mut pixels = vec![[0.0; 3]; width * height];
     pixels.par_chunks_mut(width).zip(&rows.0).try_for_each(|(out, (first, weights))| {

@@ -79,11 +79,31 @@ impl Stage for ToneMap {
 
     fn mistakes(&self) -> Vec<Mistake> {
         let rules = [
-            (self.gamma.is_some() && self.operator.is_display_encoded(), "gamma", "`agx` gives encoded values already", "leave `gamma` out"),
+            (
+                self.gamma.is_some() && self.operator.is_display_encoded(),
+                "gamma",
+                "`agx` gives encoded values already",
+                "leave `gamma` out",
+            ),
             (self.gamma.is_some() && self.colormap.is_some(), "gamma", "the colors of `colormap` are encoded already", "leave `gamma` out"),
-            (self.white.is_some() && self.operator != Operator::ReinhardExtended, "white", "only `reinhard-extended` has a white", "leave `white` out, or use that operator"),
-            (self.auto_percentile.is_some() && self.exposure_stops != Exposure::Auto, "auto_percentile", "the exposure is given, not found", "use `exposure_stops: auto`"),
-            (self.normalize != Normalization::None && self.exposure_stops == Exposure::Auto, "normalize", "`exposure_stops: auto` finds the scale itself", "use one of the two"),
+            (
+                self.white.is_some() && self.operator != Operator::ReinhardExtended,
+                "white",
+                "only `reinhard-extended` has a white",
+                "leave `white` out, or use that operator",
+            ),
+            (
+                self.auto_percentile.is_some() && self.exposure_stops != Exposure::Auto,
+                "auto_percentile",
+                "the exposure is given, not found",
+                "use `exposure_stops: auto`",
+            ),
+            (
+                self.normalize != Normalization::None && self.exposure_stops == Exposure::Auto,
+                "normalize",
+                "`exposure_stops: auto` finds the scale itself",
+                "use one of the two",
+            ),
         ];
         let broken = rules.into_iter().filter(|(is_broken, ..)| *is_broken);
         broken.map(|(_, field, message, hint)| Mistake { field: field.into(), message: message.into(), hint: Some(hint.into()) }).collect()

@@ -84,11 +84,8 @@ fn read_layer(width: usize, height: usize, input: &mut dyn Read) -> io::Result<(
     let mut name = vec![0; size as usize];
     input.read_exact(&mut name).map_err(ended)?;
     let name = String::from_utf8(name).map_err(|_| invalid("a layer's name is not text"))?;
-    let layer = if read_flag(input)? {
-        Layer::Color(read_raster(width, height, input)?)
-    } else {
-        Layer::Scalar(read_plane(width, height, input)?)
-    };
+    let layer =
+        if read_flag(input)? { Layer::Color(read_raster(width, height, input)?) } else { Layer::Scalar(read_plane(width, height, input)?) };
     Ok((name, layer))
 }
 
@@ -203,7 +200,8 @@ mod tests {
 
     fn sample() -> Image {
         let plane = |seed: f32| Plane { width: 3, height: 2, values: (0..6).map(|index| seed + index as f32).collect() };
-        let layers = [("depth".to_owned(), Layer::Scalar(plane(9.0))), ("variance".to_owned(), Layer::Color(Raster::filled(3, 2, [0.5; 3])))];
+        let layers =
+            [("depth".to_owned(), Layer::Scalar(plane(9.0))), ("variance".to_owned(), Layer::Color(Raster::filled(3, 2, [0.5; 3])))];
         Image { color: Raster::filled(3, 2, [1.0, f32::MIN_POSITIVE, -0.0]), alpha: Some(plane(0.0)), layers: layers.into() }
     }
 
