@@ -5,6 +5,7 @@
 
 pub mod artifact;
 pub mod axes;
+pub mod canonical;
 pub mod coordinate;
 pub mod diagnostic;
 pub mod digest;
@@ -23,6 +24,7 @@ pub mod registry;
 pub mod relation;
 pub mod request;
 pub mod run;
+pub mod save;
 pub mod schedule;
 pub mod schema;
 pub mod signature;
