@@ -18,6 +18,8 @@ pub trait Artifact: Any + Send + Sync + Sized {
     const TYPE: TypeName;
     /// What `save:` can write it as, in the order in which messages list them.
     const FORMATS: &'static [&'static str];
+    /// Raise when [`Artifact::save`] would write other bytes for equal content.
+    const ENCODER_VERSION: u32 = 1;
 
     /// Writes the canonical form: versioned header, little endian, floats by their bits.
     fn write(&self, out: &mut dyn Write) -> io::Result<()>;
@@ -86,6 +88,8 @@ pub struct ArtifactKind {
     pub name: TypeName,
     /// Formats `save:` can write.
     pub formats: &'static [&'static str],
+    /// Version of its encoders.
+    pub encoder_version: u32,
     write: fn(&(dyn Any + Send + Sync), &mut dyn Write) -> io::Result<()>,
     read: fn(&mut dyn Read) -> io::Result<Arc<dyn Any + Send + Sync>>,
     memory: fn(&(dyn Any + Send + Sync)) -> u64,
@@ -98,6 +102,7 @@ impl ArtifactKind {
         Self {
             name: T::TYPE,
             formats: T::FORMATS,
+            encoder_version: T::ENCODER_VERSION,
             write: |value, out| typed::<T>(value).write(out),
             read: |input| Ok(Arc::new(T::read(input)?)),
             memory: |value| typed::<T>(value).memory(),

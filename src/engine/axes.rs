@@ -175,7 +175,11 @@ fn generated(node: &Node, entries: &[Entry], limit: u64) -> Result<Vec<AxisValue
         let hint = did_you_mean(nearest(&form.key, FORMS)).or_else(|| Some(format!("write {forms}")));
         return Err(Wrong { place: form.place, message: format!("unknown form {}", quoted(&form.key)), hint });
     }
-    let three = numbers(&form.node).map_err(|message| Wrong { place: form.node.place, message: format!("`{}` {message}", form.key), hint: None })?;
+    let three = numbers(&form.node).map_err(|message| Wrong {
+        place: form.node.place,
+        message: format!("`{}` {message}", form.key),
+        hint: None,
+    })?;
     let scalars = match &*form.key {
         "range" => range(three, limit),
         "linspace" => linspace(three, limit),

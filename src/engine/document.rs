@@ -214,7 +214,9 @@ impl<'r> Reader<'_, 'r> {
 
     fn stages_exist(&mut self, entries: &[Entry], place: Place) {
         match super::yaml::entry(entries, "stages") {
-            None if self.merged.stages.is_empty() => self.findings.add(Finding::error(place, "key `stages` is missing: there is nothing to do")),
+            None if self.merged.stages.is_empty() => {
+                self.findings.add(Finding::error(place, "key `stages` is missing: there is nothing to do"))
+            }
             Some(stages) if self.merged.stages.is_empty() && stages.node.map().is_some_and(|map| map.is_empty()) => {
                 self.findings.add(Finding::error(stages.place, "`stages` is empty: there is nothing to do"));
             }
@@ -246,7 +248,8 @@ impl<'r> Reader<'_, 'r> {
     fn stage(&mut self, entry: Entry) {
         if !is_stage_name(&entry.key) {
             let hint = Some("a name has 1 to 64 letters, digits, `_` and `-`, and does not begin with `-`".to_owned());
-            self.findings.add(Finding::error(entry.place, format!("{} is not a valid name of a stage", quoted(&entry.key))).with_hint(hint));
+            self.findings
+                .add(Finding::error(entry.place, format!("{} is not a valid name of a stage", quoted(&entry.key))).with_hint(hint));
             return;
         }
         if let Some(first) = self.merged.stage_names.get(&*entry.key).copied() {
@@ -323,7 +326,11 @@ impl<'r> Reader<'_, 'r> {
             } else {
                 ("unknown key", did_you_mean(nearest(&part.key, STAGE_KEYS)))
             };
-            let known = if kinds.is_empty() { format!("the kinds are {}", self.kinds_listed()) } else { "a stage has one kind, and `save`, `exclude`, `about`".to_owned() };
+            let known = if kinds.is_empty() {
+                format!("the kinds are {}", self.kinds_listed())
+            } else {
+                "a stage has one kind, and `save`, `exclude`, `about`".to_owned()
+            };
             findings.push(Finding::error(part.place, format!("{what} {}", quoted(&part.key))).with_hint(hint.or(Some(known))));
         }
         let is_right = kinds.len() == 1;
@@ -387,7 +394,8 @@ impl<'r> Reader<'_, 'r> {
             return self.findings.add(outside());
         }
         if ancestors.contains(&canonical) {
-            let mut names: Vec<String> = ancestors.iter().skip_while(|ancestor| **ancestor != canonical).map(|path| file_name(path)).collect();
+            let mut names: Vec<String> =
+                ancestors.iter().skip_while(|ancestor| **ancestor != canonical).map(|path| file_name(path)).collect();
             names.push(file_name(&canonical));
             return self.findings.add(error(format!("a cycle of includes: {}", names.join(" -> "))));
         }

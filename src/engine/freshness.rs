@@ -1,1 +1,209 @@
-//! freshness.
+//! Looks at the world: hashes inputs, asks the store, and says of each job what is to be expected and why.
+//!
+//! Reads no result and changes nothing.
+
+use std::collections::HashMap;
+use std::io;
+use std::path::PathBuf;
+
+use super::digest::Digest;
+use super::graph::{Graph, InputNode, JobNode};
+use super::history::History;
+use super::key;
+use super::manifest::{InputEntry, JobEntry, Outcome, OutputEntry, input_items, job_entry};
+use super::signature::Signatures;
+use super::store::index::Index;
+use super::store::library::{Library, Lost};
+use super::store::record::ResultRecord;
+
+/// What is known of a job before anything runs.
+#[derive(Debug)]
+pub struct PlannedJob {
+    /// See [`key::recipe`].
+    pub recipe: Digest,
+    /// Digests of its files, in the order of [`JobNode::files`].
+    pub files: Vec<Digest>,
+    /// Its key, once the content of all inputs is known.
+    pub key: Option<Digest>,
+    /// Its results, if the store has them.
+    pub record: Option<ResultRecord>,
+    /// Hit, run or maybe.
+    pub outcome: Outcome,
+    /// Why it runs, where the store itself gave the reason (`damaged`, `forced`); else empty.
+    pub reason: &'static str,
+}
+
+/// What is to be expected of each job.
+#[derive(Debug)]
+pub struct Plan {
+    /// By index of the graph's jobs; `None` where this run does not want the job.
+    pub jobs: Vec<Option<PlannedJob>>,
+    /// What the store said while it was asked.
+    pub warnings: Vec<String>,
+}
+
+/// An input file that cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[error("{place}: stage `{stage}`: cannot read `{}`: {source}", path.display())]
+pub struct InputError {
+    /// `file:line` of the stage.
+    pub place: String,
+    /// The stage that names it.
+    pub stage: String,
+    /// The file.
+    pub path: PathBuf,
+    /// What the system said.
+    pub source: io::Error,
+}
+
+/// Plans every wanted job.
+pub fn plan(graph: &Graph, library: &Library, index: &Index, signatures: &mut Signatures) -> Result<Plan, Vec<InputError>> {
+    let files = input_digests(graph, signatures)?;
+    let has_results = library.has_results();
+    let mut plan = Plan { jobs: Vec::with_capacity(graph.jobs.len()), warnings: Vec::new() };
+    for job in &graph.jobs {
+        let planned = job.is_wanted.then(|| {
+            let digests = job.files.iter().map(|(_, path)| files[path]).collect();
+            planned_job(graph, job, digests, &plan.jobs, |key| lookup(library, has_results, key, &mut plan.warnings), index)
+        });
+        plan.jobs.push(planned);
+    }
+    if !has_results {
+        plan.jobs.iter_mut().flatten().filter(|job| job.outcome == Outcome::Maybe).for_each(|job| job.outcome = Outcome::Run);
+    }
+    Ok(plan)
+}
+
+fn planned_job(
+    graph: &Graph,
+    job: &JobNode,
+    files: Vec<Digest>,
+    earlier: &[Option<PlannedJob>],
+    lookup: impl FnOnce(&Digest) -> Result<ResultRecord, Lost>,
+    index: &Index,
+) -> PlannedJob {
+    let planned = |input: usize| earlier[input].as_ref().expect("the inputs of a wanted job are wanted");
+    let recipe = key::recipe(graph, job, &files, |input| planned(input).recipe);
+    let content = |item: &InputNode| planned(item.job).record.as_ref().map(|record| record.outputs[item.result].content.digest);
+    let is_known = input_items(job).all(|(_, item)| content(item).is_some());
+    let key = is_known.then(|| key::key(graph, job, &files, |item| content(item).expect("all were looked at above")));
+    let unknown = PlannedJob { recipe, files, key, record: None, outcome: Outcome::Run, reason: "" };
+    if job.is_forced {
+        return PlannedJob { reason: "forced", ..unknown };
+    }
+    // The index may know the results of a job while an input's record is gone.
+    if let Some(record) = index.result(&recipe).filter(|record| is_whole(graph, job, record)) {
+        return PlannedJob { key: Some(record.key), record: Some(record.clone()), outcome: Outcome::Hit, ..unknown };
+    }
+    match key.map(|key| lookup(&key)) {
+        None => PlannedJob { outcome: Outcome::Maybe, ..unknown },
+        Some(Ok(record)) if is_whole(graph, job, &record) => PlannedJob { record: Some(record), outcome: Outcome::Hit, ..unknown },
+        Some(Ok(_)) | Some(Err(Lost::Missing)) => unknown,
+        Some(Err(lost @ Lost::Damaged(_))) => PlannedJob { reason: lost.reason(), ..unknown },
+    }
+}
+
+/// Asks the store, and notes damage.
+fn lookup(library: &Library, has_results: bool, key: &Digest, warnings: &mut Vec<String>) -> Result<ResultRecord, Lost> {
+    if !has_results {
+        return Err(Lost::Missing);
+    }
+    library.result(key).inspect_err(|lost| {
+        if let Lost::Damaged(what) = lost {
+            warnings.push(format!("the store was damaged and is repaired: {what}"));
+        }
+    })
+}
+
+/// Whether a record has the results that the kind declares; another program may have written it.
+pub fn is_whole(graph: &Graph, job: &JobNode, record: &ResultRecord) -> bool {
+    let declared = graph.stages[job.stage].results.iter().map(|(name, type_name)| (*name, *type_name));
+    declared.eq(record.outputs.iter().map(|output| (output.name.as_str(), output.type_name.as_str())))
+}
+
+/// Digest of each input file that a wanted job reads; each file is looked at once.
+fn input_digests(graph: &Graph, signatures: &mut Signatures) -> Result<HashMap<PathBuf, Digest>, Vec<InputError>> {
+    let mut digests = HashMap::new();
+    let mut errors = Vec::new();
+    for job in graph.jobs.iter().filter(|job| job.is_wanted) {
+        for (_, path) in &job.files {
+            if digests.contains_key(path) {
+                continue;
+            }
+            let content = signatures.content_of_input(path);
+            match content {
+                Ok(content) => drop(digests.insert(path.clone(), content.digest)),
+                Err(source) => {
+                    // Reported once, and not looked for again.
+                    digests.insert(path.clone(), Digest::of(b""));
+                    errors.push(input_error(graph, job, path.clone(), source));
+                }
+            }
+        }
+    }
+    if errors.is_empty() { Ok(digests) } else { Err(errors) }
+}
+
+fn input_error(graph: &Graph, job: &JobNode, path: PathBuf, source: io::Error) -> InputError {
+    let stage = &graph.stages[job.stage];
+    InputError { place: format!("{}:{}", stage.place.0, stage.place.1), stage: stage.name.clone(), path, source }
+}
+
+/// The plan as entries of a manifest, with reasons.
+pub fn entries(graph: &Graph, plan: &Plan, history: &mut History) -> Vec<JobEntry> {
+    let known = |item: &InputNode| {
+        let record = plan.jobs[item.job].as_ref()?.record.as_ref()?;
+        Some(record.outputs[item.result].content.digest)
+    };
+    let planned = graph.jobs.iter().zip(&plan.jobs).filter_map(|(job, planned)| Some((job, planned.as_ref()?)));
+    planned
+        .map(|(job, planned)| {
+            let mut entry = job_entry(graph, job, &planned.files);
+            fill_inputs(&mut entry.inputs, job, known);
+            entry.key = planned.key;
+            entry.outcome = planned.outcome;
+            entry.outputs = planned.record.as_ref().map(output_entries).unwrap_or_default();
+            entry.reason = reason(&entry, planned, history, || unknown_inputs(job, known));
+            entry
+        })
+        .collect()
+}
+
+fn reason(entry: &JobEntry, planned: &PlannedJob, history: &mut History, unknown: impl Fn() -> String) -> String {
+    if !planned.reason.is_empty() {
+        return planned.reason.to_owned();
+    }
+    match planned.outcome {
+        Outcome::Hit => HIT_REASON.to_owned(),
+        _ if planned.key.is_some() => history.reason(entry),
+        _ => history.known_difference(entry).unwrap_or_else(unknown),
+    }
+}
+
+/// What is said of a job whose result is in the store.
+pub const HIT_REASON: &str = "in the store";
+
+/// `waits for a, b`: the inputs whose content is not known yet.
+fn unknown_inputs(job: &JobNode, known: impl Fn(&InputNode) -> Option<Digest>) -> String {
+    let mut labels: Vec<&str> = input_items(job).filter(|(_, item)| known(item).is_none()).map(|(_, item)| item.label.as_str()).collect();
+    labels.dedup();
+    format!("waits for {}", labels.join(", "))
+}
+
+/// Writes the digests that are known into the entries of inputs.
+pub fn fill_inputs(entries: &mut [InputEntry], job: &JobNode, known: impl Fn(&InputNode) -> Option<Digest>) {
+    for (entry, (_, item)) in entries.iter_mut().zip(input_items(job)) {
+        entry.sha256 = known(item);
+    }
+}
+
+/// The results of a record as entries of a manifest.
+pub fn output_entries(record: &ResultRecord) -> Vec<OutputEntry> {
+    let entry = |output: &super::store::record::OutputRecord| OutputEntry {
+        name: output.name.clone(),
+        type_name: output.type_name.clone(),
+        sha256: output.content.digest,
+        bytes: output.content.size,
+    };
+    record.outputs.iter().map(entry).collect()
+}

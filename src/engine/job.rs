@@ -4,8 +4,8 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
 
 use super::artifact::AnyArtifact;
 use super::coordinate::Scalar;
@@ -46,7 +46,7 @@ pub struct Job<'a> {
     files: &'a dyn FileSource,
     seed: u64,
     interrupted: &'a AtomicBool,
-    progress: AtomicU32,
+    progress: Arc<AtomicU32>,
     warnings: Mutex<Vec<String>>,
 }
 
@@ -55,7 +55,14 @@ impl<'a> Job<'a> {
     ///
     /// `seed` is the pipeline's, for stages that set none.
     pub fn new(inputs: BTreeMap<String, Vec<Input>>, files: &'a dyn FileSource, seed: u64, interrupted: &'a AtomicBool) -> Self {
-        Self { inputs, files, seed, interrupted, progress: AtomicU32::new(0), warnings: Mutex::default() }
+        Self { inputs, files, seed, interrupted, progress: Arc::default(), warnings: Mutex::default() }
+    }
+
+    /// The same job, saying how far it is through a handle that a display looks at.
+    #[must_use]
+    pub fn with_progress(mut self, progress: Arc<AtomicU32>) -> Self {
+        self.progress = progress;
+        self
     }
 
     /// What stands on a port.

@@ -5,13 +5,17 @@
 
 pub mod artifact;
 pub mod axes;
+pub mod canonical;
 pub mod coordinate;
 pub mod diagnostic;
+pub mod digest;
 pub mod document;
 pub mod events;
 pub mod freshness;
 pub mod graph;
+pub mod history;
 pub mod job;
+pub mod key;
 pub mod manifest;
 pub mod parameter;
 pub mod publish;
@@ -19,11 +23,18 @@ pub mod reference;
 pub mod registry;
 pub mod relation;
 pub mod request;
+pub mod run;
+pub mod save;
 pub mod schedule;
 pub mod schema;
+pub mod signature;
 pub mod source;
 pub mod stage;
 pub mod store;
 pub mod substitution;
 pub mod sweep;
+pub mod system;
 pub mod yaml;
+
+#[cfg(test)]
+mod trial;

@@ -1,1 +1,253 @@
-//! publish.
+//! The folder of outputs: files that appear whole, one by one, and never outside it.
+//!
+//! Folders below the root are opened one component after the other without following links, so that
+//! nothing that stands in the folder of outputs can lead a write out of it.
+
+use std::fs::{self, File, Metadata};
+use std::io::{self, Write};
+use std::os::fd::OwnedFd;
+use std::path::PathBuf;
+
+use rustix::fs::{AtFlags, CWD, Mode, OFlags};
+use rustix::io::Errno;
+
+use super::digest::{Digest, HashingWriter};
+use super::system::{SystemError, remove_leftovers, temporary_name};
+
+/// Below the root: what is being written.
+const TEMPORARY: &str = ".tmp";
+
+/// The folder of one pipeline's outputs.
+#[derive(Debug, Clone)]
+pub struct OutputFolder {
+    root: PathBuf,
+    pipeline: String,
+}
+
+impl OutputFolder {
+    /// `root/pipeline`; makes nothing.
+    pub fn at(root: impl Into<PathBuf>, pipeline: &str) -> Self {
+        Self { root: root.into(), pipeline: pipeline.to_owned() }
+    }
+
+    /// The path for people.
+    pub fn path(&self) -> PathBuf {
+        self.root.join(&self.pipeline)
+    }
+
+    /// Makes the folder and finds out whether it can be written to; clears what dead processes left.
+    pub fn prepare(&self) -> Result<(), SystemError> {
+        fs::create_dir_all(&self.root).map_err(SystemError::at("create", &self.root))?;
+        self.folder(&[&self.pipeline]).map_err(SystemError::at("create", self.path()))?;
+        let temporary = self.root.join(TEMPORARY);
+        self.folder(&[TEMPORARY]).map_err(SystemError::at("create", &temporary))?;
+        remove_leftovers(&temporary);
+        Ok(())
+    }
+
+    /// Removes the folder of temporary files if no other run uses it.
+    pub fn tidy(&self) {
+        let _ = fs::remove_dir(self.root.join(TEMPORARY));
+    }
+
+    /// Status of a file, and the file; `None` if there is no such plain file.
+    pub fn open(&self, path: &str) -> Option<(Metadata, File)> {
+        let (folders, name) = self.split(path);
+        let folder = self.existing_folder(&folders).ok()?;
+        let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let file = File::from(rustix::fs::openat(&folder, name, flags, Mode::empty()).ok()?);
+        let status = file.metadata().ok()?;
+        status.is_file().then_some((status, file))
+    }
+
+    /// Begins a file whose name is given later.
+    pub fn begin(&self) -> Result<OutputDraft<'_>, SystemError> {
+        let name = temporary_name();
+        let path = self.root.join(TEMPORARY).join(&name);
+        let create = || {
+            let folder = self.folder(&[TEMPORARY])?;
+            let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::EXCL | OFlags::CLOEXEC;
+            let file = rustix::fs::openat(&folder, name.as_str(), flags, Mode::from_raw_mode(0o666))?;
+            io::Result::Ok((folder, File::from(file)))
+        };
+        let (folder, file) = create().map_err(SystemError::at("create", &path))?;
+        Ok(OutputDraft { outputs: self, folder, name, is_kept: false, file: HashingWriter::new(file) })
+    }
+
+    /// Writes a whole file.
+    pub fn write(&self, path: &str, bytes: &[u8]) -> Result<(), SystemError> {
+        let mut draft = self.begin()?;
+        draft.write_all(bytes).map_err(SystemError::at("write", self.path().join(path)))?;
+        draft.publish(path).map(drop)
+    }
+
+    /// Makes a folder that must not exist yet; false if it does.
+    pub fn make_new_folder(&self, path: &str) -> Result<bool, SystemError> {
+        let (folders, name) = self.split(path);
+        let make = || {
+            let folder = self.folder(&folders)?;
+            match rustix::fs::mkdirat(&folder, name, Mode::from_raw_mode(0o777)) {
+                Err(Errno::EXIST) => Ok(false),
+                made => Ok(made.map(|()| true)?),
+            }
+        };
+        make().map_err(SystemError::at("create", self.path().join(path)))
+    }
+
+    /// Removes a file and the folder that it leaves empty.
+    pub fn remove(&self, path: &str) -> Result<(), SystemError> {
+        let (folders, name) = self.split(path);
+        let remove = || {
+            let folder = self.existing_folder(&folders)?;
+            Ok(rustix::fs::unlinkat(&folder, name, AtFlags::empty())?)
+        };
+        remove().map_err(SystemError::at("remove", self.path().join(path)))?;
+        if let [parents @ .., last] = folders.as_slice()
+            && !parents.is_empty()
+            && let Ok(parent) = self.existing_folder(parents)
+        {
+            // Fails where it is not empty, which is right.
+            let _ = rustix::fs::unlinkat(&parent, *last, AtFlags::REMOVEDIR);
+        }
+        Ok(())
+    }
+
+    /// The folders from the root to a file of the pipeline, and its name.
+    fn split<'p>(&'p self, path: &'p str) -> (Vec<&'p str>, &'p str) {
+        let mut parts: Vec<&str> = std::iter::once(self.pipeline.as_str()).chain(path.split('/')).collect();
+        let name = parts.pop().expect("a path has a name");
+        (parts, name)
+    }
+
+    fn existing_folder(&self, parts: &[&str]) -> io::Result<OwnedFd> {
+        self.walk(parts, |folder, part| Ok(open_folder(folder, part)?))
+    }
+
+    fn folder(&self, parts: &[&str]) -> io::Result<OwnedFd> {
+        self.walk(parts, |folder, part| match open_folder(folder, part) {
+            Err(Errno::NOENT) => {
+                match rustix::fs::mkdirat(folder, part, Mode::from_raw_mode(0o777)) {
+                    // Another run was faster.
+                    Ok(()) | Err(Errno::EXIST) => {}
+                    Err(error) => return Err(error.into()),
+                }
+                Ok(open_folder(folder, part)?)
+            }
+            opened => Ok(opened?),
+        })
+    }
+
+    fn walk(&self, parts: &[&str], step: impl Fn(&OwnedFd, &str) -> io::Result<OwnedFd>) -> io::Result<OwnedFd> {
+        // The root itself may be a link: where outputs go is the user's choice.
+        let root = rustix::fs::openat(CWD, &self.root, OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty())?;
+        parts.iter().try_fold(root, |folder, part| {
+            // Paths come from a manifest too, which anyone may have edited.
+            if part.is_empty() || *part == "." || *part == ".." {
+                return Err(io::Error::new(io::ErrorKind::InvalidInput, "the path leaves the folder of outputs"));
+            }
+            step(&folder, part)
+        })
+    }
+}
+
+fn open_folder(folder: &OwnedFd, name: &str) -> Result<OwnedFd, Errno> {
+    rustix::fs::openat(folder, name, OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty())
+}
+
+/// A file that is being written; vanishes unless published.
+pub struct OutputDraft<'a> {
+    outputs: &'a OutputFolder,
+    folder: OwnedFd,
+    name: String,
+    file: HashingWriter<File>,
+    is_kept: bool,
+}
+
+impl Write for OutputDraft<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl OutputDraft<'_> {
+    /// Gives the file its name, in place of what stood there; returns the digest of its bytes.
+    pub fn publish(mut self, path: &str) -> Result<Digest, SystemError> {
+        let (folders, name) = self.outputs.split(path);
+        let rename = || {
+            let target = self.outputs.folder(&folders)?;
+            Ok(rustix::fs::renameat(&self.folder, self.name.as_str(), &target, name)?)
+        };
+        rename().map_err(SystemError::at("write", self.outputs.path().join(path)))?;
+        self.is_kept = true;
+        Ok(self.file.digest())
+    }
+}
+
+impl Drop for OutputDraft<'_> {
+    fn drop(&mut self) {
+        if !self.is_kept {
+            let _ = rustix::fs::unlinkat(&self.folder, self.name.as_str(), AtFlags::empty());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    fn outputs(folder: &std::path::Path) -> OutputFolder {
+        let outputs = OutputFolder::at(folder.join("outputs"), "p");
+        outputs.prepare().unwrap();
+        outputs
+    }
+
+    #[test]
+    fn a_file_appears_whole_and_its_digest_is_known() {
+        let folder = tempfile::tempdir().unwrap();
+        let outputs = outputs(folder.path());
+        let mut draft = outputs.begin().unwrap();
+        draft.write_all(b"bytes").unwrap();
+        assert!(outputs.open("stage/n=1.txt").is_none());
+        assert_eq!(draft.publish("stage/n=1.txt").unwrap(), Digest::of(b"bytes"));
+        assert_eq!(fs::read(folder.path().join("outputs/p/stage/n=1.txt")).unwrap(), b"bytes");
+
+        outputs.remove("stage/n=1.txt").unwrap();
+        assert!(!folder.path().join("outputs/p/stage").exists(), "an empty folder goes too");
+        outputs.tidy();
+        assert!(!folder.path().join("outputs/.tmp").exists());
+    }
+
+    #[test]
+    fn a_draft_that_is_not_published_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let outputs = outputs(folder.path());
+        drop(outputs.begin().unwrap());
+        assert_eq!(fs::read_dir(folder.path().join("outputs/.tmp")).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn nothing_is_written_or_removed_through_a_link_or_by_climbing() {
+        let folder = tempfile::tempdir().unwrap();
+        let outputs = outputs(folder.path());
+        let outside = folder.path().join("outside");
+        fs::create_dir(&outside).unwrap();
+        fs::write(outside.join("x"), "precious").unwrap();
+        symlink(&outside, folder.path().join("outputs/p/stage")).unwrap();
+        symlink(outside.join("x"), folder.path().join("outputs/p/link")).unwrap();
+
+        assert!(outputs.write("stage/x", b"new").is_err());
+        assert!(outputs.remove("stage/x").is_err());
+        assert!(outputs.remove("../../outside/x").is_err());
+        assert!(outputs.open("link").is_none());
+        // A link in the place of the file itself is replaced, not followed.
+        outputs.write("link", b"new").unwrap();
+        assert_eq!(fs::read(outside.join("x")).unwrap(), b"precious");
+        assert!(!folder.path().join("outputs/p/link").is_symlink());
+    }
+}

@@ -94,7 +94,7 @@ impl Relation {
         let rows = match (&self.rows, &other.rows) {
             (Rows::Product(mine), Rows::Product(theirs)) => {
                 let values = axes.iter().map(|axis| match (self.find(*axis), other.find(*axis)) {
-                    (Some(a), Some(b)) => mine[a].iter().filter(|value| theirs[b].contains(value)).copied().collect(),
+                    (Some(a), Some(b)) => mine[a].iter().filter(|value| theirs[b].binary_search(value).is_ok()).copied().collect(),
                     (Some(a), None) => mine[a].clone(),
                     (None, b) => theirs[b.expect("every axis is of one of the two")].clone(),
                 });

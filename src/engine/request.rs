@@ -48,9 +48,8 @@ impl Request {
 
     /// What was changed, for the manifest: `{ params, axes, seed }`, without what was not.
     pub fn overrides(&self) -> Json {
-        let texts = |pairs: &[(String, String)]| -> Map<String, Json> {
-            pairs.iter().map(|(name, text)| (name.clone(), json!(text))).collect()
-        };
+        let texts =
+            |pairs: &[(String, String)]| -> Map<String, Json> { pairs.iter().map(|(name, text)| (name.clone(), json!(text))).collect() };
         let mut overrides = Map::new();
         if !self.parameters.is_empty() {
             overrides.insert("params".into(), texts(&self.parameters).into());
@@ -96,12 +95,19 @@ type Wrong = (String, Option<String>);
 
 fn set_parameter(name: &str, text: &str, file: u32, document: &mut Document<'_>, findings: &mut Findings) -> Result<(), Wrong> {
     if document.axes.iter().any(|axis| &*axis.key == name) {
-        return Err((format!("{} is an axis, not a parameter", quoted(name)), Some(format!("set its values with `-a {}=…`", super::diagnostic::shortened(name)))));
+        return Err((
+            format!("{} is an axis, not a parameter", quoted(name)),
+            Some(format!("set its values with `-a {}=…`", super::diagnostic::shortened(name))),
+        ));
     }
     let names = document.params.iter().map(|entry| &*entry.key);
     let Some(index) = document.params.iter().position(|entry| &*entry.key == name) else {
         let known: Vec<String> = names.clone().map(quoted).collect();
-        let known = if known.is_empty() { "the pipeline has no parameters".into() } else { format!("the parameters are {}", super::diagnostic::listed(&known, "and")) };
+        let known = if known.is_empty() {
+            "the pipeline has no parameters".into()
+        } else {
+            format!("the parameters are {}", super::diagnostic::listed(&known, "and"))
+        };
         return Err((format!("unknown parameter {}", quoted(name)), did_you_mean(nearest(name, names)).or(Some(known))));
     };
     let place = Place::of_file(file);
@@ -139,10 +145,17 @@ fn set_axis(name: &str, text: &str, file: u32, document: &mut Document<'_>, find
     let names = document.axes.iter().map(|entry| &*entry.key);
     let Some(index) = document.axes.iter().position(|entry| &*entry.key == name) else {
         if document.params.iter().any(|entry| &*entry.key == name) {
-            return Err((format!("{} is a parameter, not an axis", quoted(name)), Some(format!("set it with `-s {}=…`", super::diagnostic::shortened(name)))));
+            return Err((
+                format!("{} is a parameter, not an axis", quoted(name)),
+                Some(format!("set it with `-s {}=…`", super::diagnostic::shortened(name))),
+            ));
         }
         let known: Vec<String> = names.clone().map(quoted).collect();
-        let known = if known.is_empty() { "the pipeline has no axes".into() } else { format!("the axes are {}", super::diagnostic::listed(&known, "and")) };
+        let known = if known.is_empty() {
+            "the pipeline has no axes".into()
+        } else {
+            format!("the axes are {}", super::diagnostic::listed(&known, "and"))
+        };
         return Err((format!("unknown axis {}", quoted(name)), did_you_mean(nearest(name, names)).or(Some(known))));
     };
     if text.trim().is_empty() {

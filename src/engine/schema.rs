@@ -265,7 +265,8 @@ impl<'s> Walker<'s> {
         match node.text() {
             Some(text) if words.contains(&text) => {}
             Some(text) => {
-                let hint = did_you_mean(nearest(text, words.iter().copied())).unwrap_or_else(|| format!("it may be {}", quoted_list(words)));
+                let hint =
+                    did_you_mean(nearest(text, words.iter().copied())).unwrap_or_else(|| format!("it may be {}", quoted_list(words)));
                 self.issue(node, path, format!("has no choice {}", quoted(text)), Some(hint));
             }
             None => {
@@ -291,7 +292,8 @@ impl<'s> Walker<'s> {
 
     fn explain_choice(&mut self, schema: &'s Json, alternatives: &[&'s Json], node: &Node, path: &FieldPath) {
         let words: Vec<&str> = alternatives.iter().flat_map(|alternative| words(alternative)).collect();
-        let fitting: Vec<&&Json> = alternatives.iter().filter(|one| words_are_absent(one) && types(one).iter().any(|name| is_of_type(node, name))).collect();
+        let fitting: Vec<&&Json> =
+            alternatives.iter().filter(|one| words_are_absent(one) && types(one).iter().any(|name| is_of_type(node, name))).collect();
         match (&fitting[..], node.text(), node.map()) {
             ([only], _, _) => self.single(only, node, path),
             (_, _, Some(entries)) if !fitting.is_empty() => self.tagged_choice(&fitting, entries, node, path),
@@ -317,7 +319,8 @@ impl<'s> Walker<'s> {
             (Some((_, schema)), _) => self.single(schema, node, path),
             (None, Some(entry)) => {
                 let names: Vec<&str> = tags.iter().map(|(tag, _)| *tag).collect();
-                let hint = did_you_mean(nearest(&entry.key, names.iter().copied())).unwrap_or_else(|| format!("it may be {}", quoted_list(&names)));
+                let hint = did_you_mean(nearest(&entry.key, names.iter().copied()))
+                    .unwrap_or_else(|| format!("it may be {}", quoted_list(&names)));
                 let message = format!("{} has no choice {}", self.named(path), quoted(&entry.key));
                 self.checked.issues.push(Issue { place: entry.place, message, hint: Some(hint) });
             }
@@ -358,7 +361,12 @@ impl<'s> Walker<'s> {
                 (least, u64::MAX) => format!("at least {least}"),
                 (_, most) => format!("at most {most}"),
             };
-            self.issue(node, path, format!("must have {expected} {}, found {count}", if expected.ends_with(" 1") { "item" } else { "items" }), None);
+            self.issue(
+                node,
+                path,
+                format!("must have {expected} {}, found {count}", if expected.ends_with(" 1") { "item" } else { "items" }),
+                None,
+            );
         }
         for (index, item) in items.iter().enumerate() {
             let schema = match schema.get("items") {
@@ -724,11 +732,9 @@ mod tests {
     fn roles_are_found_behind_options() {
         let schema: Json = SchemaSettings::draft07().into_generator().into_root_schema_for::<Block>().into();
         let mut findings = Findings::default();
-        let node = super::super::yaml::parse(0, "{ of: a, at: b, many: c, count: 1, path: p, seed: 1, exposure: 1 }", &mut findings).unwrap();
+        let node =
+            super::super::yaml::parse(0, "{ of: a, at: b, many: c, count: 1, path: p, seed: 1, exposure: 1 }", &mut findings).unwrap();
         let roles: Vec<String> = check("block", &schema, &node).roles.iter().map(|role| format!("{} {:?}", role.path, role.role)).collect();
-        assert_eq!(
-            roles,
-            ["of Port([\"envmap\"])", "at Port([\"envmap\"])", "many Ports([\"envmap\"])", "path File", "seed Seed"]
-        );
+        assert_eq!(roles, ["of Port([\"envmap\"])", "at Port([\"envmap\"])", "many Ports([\"envmap\"])", "path File", "seed Seed"]);
     }
 }

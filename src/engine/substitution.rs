@@ -94,9 +94,7 @@ impl Template {
                 });
                 Node::new(Value::Text(texts.collect::<String>().into()), *place)
             }
-            Template::List(items, place) => {
-                Node::new(Value::List(items.iter().map(|item| item.at(axes, index_of)).collect()), *place)
-            }
+            Template::List(items, place) => Node::new(Value::List(items.iter().map(|item| item.at(axes, index_of)).collect()), *place),
             Template::Map(entries, place) => {
                 let entries = entries.iter().map(|(key, place, template)| Entry {
                     key: key.clone(),
@@ -175,9 +173,8 @@ pub fn substitute(node: &Node, scope: &Scope<'_>, stage: &str, findings: &mut Fi
             fixed_list(&items, node).unwrap_or(Template::List(items, node.place))
         }
         Value::Map(entries) => {
-            let substituted = |entry: &Entry, findings: &mut Findings| {
-                (entry.key.clone(), entry.place, substitute(&entry.node, scope, stage, findings))
-            };
+            let substituted =
+                |entry: &Entry, findings: &mut Findings| (entry.key.clone(), entry.place, substitute(&entry.node, scope, stage, findings));
             let entries: Vec<_> = entries.iter().map(|entry| substituted(entry, findings)).collect();
             fixed_map(&entries, node).unwrap_or(Template::Map(entries, node.place))
         }
@@ -260,10 +257,13 @@ fn found(path: &str, scope: &Scope<'_>) -> Result<Found, Wrong> {
     let name = fields.next().unwrap_or_default();
     match scope.names.get(name) {
         None => {
-            let hint = did_you_mean(scope.nearest(name)).or_else(|| Some("declare it under `params` or `axes`, or write `$$` for a dollar".into()));
+            let hint = did_you_mean(scope.nearest(name))
+                .or_else(|| Some("declare it under `params` or `axes`, or write `$$` for a dollar".into()));
             Err((format!("unknown name {}: no parameter and no axis is called that", quoted(&format!("${name}"))), hint))
         }
-        Some(Variable::Parameter(index)) => fields.try_fold(scope.params[*index].node.clone(), |node, field| field_of(&node, field, path)).map(Found::Value),
+        Some(Variable::Parameter(index)) => {
+            fields.try_fold(scope.params[*index].node.clone(), |node, field| field_of(&node, field, path)).map(Found::Value)
+        }
         Some(Variable::Axis(index)) => axis_field(&scope.axes[*index], *index, fields.collect(), path),
     }
 }

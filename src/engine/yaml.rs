@@ -243,12 +243,7 @@ impl Builder<'_> {
     }
 
     /// The own entries, then those of the merged maps whose keys are not there yet.
-    fn merged(
-        &mut self,
-        mut entries: Vec<(Entry, u64)>,
-        mut index: HashMap<Arc<str>, usize>,
-        merges: Vec<(Node, Place)>,
-    ) -> (Value, u64) {
+    fn merged(&mut self, mut entries: Vec<(Entry, u64)>, mut index: HashMap<Arc<str>, usize>, merges: Vec<(Node, Place)>) -> (Value, u64) {
         for (source, place) in merges {
             let maps: Vec<Node> = source.list().map_or_else(|| vec![source.clone()], |items| items.to_vec());
             if maps.iter().any(|map| map.map().is_none()) {
@@ -267,14 +262,7 @@ impl Builder<'_> {
         (Value::Map(entries.into_iter().map(|(entry, _)| entry).collect()), weight)
     }
 
-    fn scalar(
-        &mut self,
-        text: &str,
-        style: ScalarStyle,
-        anchor: usize,
-        tag: Option<&Tag>,
-        place: Place,
-    ) -> Result<Option<Node>, Fatal> {
+    fn scalar(&mut self, text: &str, style: ScalarStyle, anchor: usize, tag: Option<&Tag>, place: Place) -> Result<Option<Node>, Fatal> {
         if self.expects_key() {
             if text.is_empty() && style == ScalarStyle::Plain {
                 return Err(fatal(place, "a key is missing before `:`"));
@@ -360,7 +348,8 @@ impl Builder<'_> {
             ("float", Value::Number(_)) if is_core => return plain,
             ("float", Value::Integer(value)) if is_core => return Value::Number(*value as f64),
             ("int" | "bool" | "null" | "float", _) if is_core => {
-                self.findings.add(Finding::error(place, format!("{} is not of the type that its tag `!!{}` names", quoted(text), tag.suffix)));
+                self.findings
+                    .add(Finding::error(place, format!("{} is not of the type that its tag `!!{}` names", quoted(text), tag.suffix)));
             }
             _ => self.findings.add(refused_tag(tag, place)),
         }

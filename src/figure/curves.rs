@@ -32,8 +32,8 @@ pub struct Request {
     pub interval: IntervalLook,
     /// Fits a power law to each curve between two x (infinite where open).
     pub fit: Option<[f64; 2]>,
-    /// Scales of x and y.
-    pub scales: [Scale; 2],
+    /// Scales of x, of y and of a heat map's colors.
+    pub scales: [Scale; 3],
     /// Text in place of names of columns and of values, by name.
     pub names: BTreeMap<String, String>,
     /// Above the figure.
@@ -121,7 +121,8 @@ pub fn chart(collection: &Collection, request: &Request) -> Result<Chart, CurveE
 
 /// Guide lines at the numbers in these columns; all columns of numbers where none is named.
 ///
-/// A label is the column's name and the value; where the table has several rows, also what tells them apart.
+/// A label is the column's name and the value; where the table has several rows, also what tells them apart in the columns before the
+/// first of these.
 pub fn guides(table: &Table, columns: &[String], axis: GuideAxis, names: &BTreeMap<String, String>) -> Result<Vec<Guide>, CurveError> {
     let chosen = if columns.is_empty() {
         let is_numbers = |column: &usize| table.rows.iter().any(|row| matches!(row[*column], Cell::Number(_)));
@@ -129,7 +130,8 @@ pub fn guides(table: &Table, columns: &[String], axis: GuideAxis, names: &BTreeM
     } else {
         table.required_columns(columns)?
     };
-    let labels: Vec<usize> = (0..table.columns.len()).filter(|column| !chosen.contains(column) && varies(table, *column)).collect();
+    let first = chosen.iter().copied().min().unwrap_or(0);
+    let labels: Vec<usize> = (0..first).filter(|column| varies(table, *column)).collect();
     let mut guides = Vec::new();
     for row in &table.rows {
         let context: Vec<String> = labels.iter().filter_map(|column| value_label(&table.columns[*column], &row[*column], names)).collect();
@@ -139,11 +141,17 @@ pub fn guides(table: &Table, columns: &[String], axis: GuideAxis, names: &BTreeM
             let Column { unit, .. } = &table.columns[column];
             let sign = unit_sign(unit);
             let space = if sign.is_empty() || sign == "°" { "" } else { " " };
-            let label = format!("{} {}{space}{sign}{context}", column_label(&table.columns[column], names), significant(at, 4));
+            let name = capitalized(&column_label(&table.columns[column], names));
+            let label = format!("{name} {}{space}{sign}{context}", significant(at, 4));
             guides.push(Guide { axis, at, label });
         }
     }
     Ok(guides)
+}
+
+fn capitalized(word: &str) -> String {
+    let mut letters = word.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
 fn varies(table: &Table, column: usize) -> bool {
@@ -170,7 +178,7 @@ fn column_label(column: &Column, names: &BTreeMap<String, String>) -> String {
 }
 
 /// A value for the legend: text by itself, a number with its column's name; nothing for an empty cell.
-fn value_label(column: &Column, cell: &Cell, names: &BTreeMap<String, String>) -> Option<String> {
+pub fn value_label(column: &Column, cell: &Cell, names: &BTreeMap<String, String>) -> Option<String> {
     let text = cell.to_string();
     match cell {
         Cell::Empty => None,
@@ -287,7 +295,7 @@ fn axis(columns: &[&Column], request: &Request, number: usize) -> Axis {
     let unit = if columns.iter().all(|column| column.unit == *unit) { unit.clone() } else { String::new() };
     let name = if columns.len() == 1 { column_label(columns[0], &request.names) } else { String::new() };
     let label = request.labels[number].clone().unwrap_or(name);
-    let scale = request.scales.get(number).copied().unwrap_or_default();
+    let scale = request.scales[number];
     Axis { label, unit, scale, range: request.ranges.get(number).copied().flatten(), categories: Vec::new() }
 }
 
@@ -391,7 +399,7 @@ fn repetition_note(curves: &[Curve], request: &Request) -> Vec<String> {
     let counts: Vec<usize> = points.map(|point| point.count).collect();
     let Some(number) = number_of_values(&counts) else { return Vec::new() };
     let interval = match request.interval {
-        IntervalLook::Whiskers => "bars",
+        IntervalLook::Whiskers => "error bars",
         IntervalLook::Band => "bands",
     };
     let name = column_label(&Column::new(repeat, ""), &request.names);

@@ -25,7 +25,9 @@ const GAP: f64 = 4.0;
 const TICK_LENGTH: f64 = 3.0;
 /// Width of the sample of a curve in the legend.
 const SAMPLE_WIDTH: f64 = 20.0;
-const LEAST_FRAME_HEIGHT: f64 = 100.0;
+const LEAST_FRAME_HEIGHT: f64 = 90.0;
+/// The frame has at least this part of the height that was asked for.
+const LEAST_FRAME_SHARE: f64 = 0.55;
 const LINE_WIDTH: f64 = 1.4;
 const MARKER_RADIUS: f64 = 2.3;
 /// Lines with more points than this have no markers.
@@ -93,6 +95,9 @@ struct Page<'a> {
     legend: Legend,
     frame: Frame,
     x_ticks: Ticks,
+    /// The lines of each label below the frame.
+    x_labels: Vec<Vec<String>>,
+    x_label_size: f64,
     y_ticks: Ticks,
     guides: Vec<PlacedGuide<'a>>,
     /// Left edge of what stands right of the frame: names of level guides, the color bar, the legend.
@@ -109,31 +114,33 @@ impl<'a> Page<'a> {
         let legend = Legend::of(chart, width);
 
         let title_height = if title.is_empty() { 0.0 } else { lines_height(&title, TITLE_SIZE) + GAP };
-        let axis_height =
-            TICK_LENGTH + 2.0 + line_height(TICK_SIZE) + if chart.x.label.is_empty() { 0.0 } else { line_height(LABEL_SIZE) + 1.0 };
+        let label_height = if chart.x.label.is_empty() && chart.x.unit.is_empty() { 0.0 } else { line_height(LABEL_SIZE) + 1.0 };
         let notes_height = if notes.is_empty() { 0.0 } else { lines_height(&notes, NOTE_SIZE) + GAP };
-        let below = BORDER + axis_height + legend.height_below() + notes_height;
+        let under_numbers = BORDER + TICK_LENGTH + 2.0 + label_height + legend.height_below() + notes_height;
         let above = BORDER + title_height + CAPITAL_HEIGHT * TICK_SIZE / 2.0;
 
         let [x, y] = spans(chart);
-        let tentative = (chart.size_mm[1] * POINTS_PER_MM - above - below).max(LEAST_FRAME_HEIGHT);
-        let y_ticks = axis::ticks(&chart.y, y, tentative / 30.0, &own_y(chart));
+        let paper_height = chart.size_mm[1] * POINTS_PER_MM;
+        let least_height = LEAST_FRAME_HEIGHT.max(LEAST_FRAME_SHARE * paper_height);
+        let tentative = (paper_height - above - under_numbers - line_height(TICK_SIZE)).max(least_height);
+        let y_ticks = axis::ticks(&chart.y, y, label_count(y, tentative), &own_y(chart));
         let left = BORDER + line_height(LABEL_SIZE) + GAP + widest(&y_ticks.major, TICK_SIZE) + 2.0 + TICK_LENGTH;
-        let color_ticks =
-            chart.heat.as_ref().map(|heat| axis::ticks(&heat.axis, heat_span(heat), tentative / 30.0, &[])).unwrap_or_default();
+        let color_ticks = chart.heat.as_ref().map(|heat| color_ticks(heat, tentative)).unwrap_or_default();
         let beside_width = beside_width(chart, &color_ticks) + legend.width_beside();
         let room = width - left - BORDER - beside_width;
         let x_ticks = fitting_x_ticks(chart, x, room);
         let overhang = x_ticks.major.last().map_or(0.0, |tick| overhang_of(tick, x, room));
         let right = width - BORDER - beside_width.max(overhang);
+        let (x_labels, x_label_size) = x_labels(chart, &x_ticks, right - left);
 
         let guides = placed_guides(chart, x, left, right, width);
         let guide_height = guides.iter().map(|placed| placed.row + 1).max().map_or(0.0, |rows| rows as f64 * line_height(TICK_SIZE) + 2.0);
         let top = above + guide_height;
-        let height =
-            (chart.size_mm[1] * POINTS_PER_MM).max(top + below + LEAST_FRAME_HEIGHT).max(top + below + legend.least_frame_height());
+        let below = under_numbers + numbers_height(&x_labels);
+        let height = paper_height.max(top + below + least_height.max(legend.least_frame_height()));
         let frame = Frame { low: [left, top], high: [right, height - below], x, y };
-        Self { size: [width, height], title, notes, legend, beside: right + 2.0 * GAP, frame, x_ticks, y_ticks, guides, color_ticks }
+        let beside = right + 2.0 * GAP;
+        Self { size: [width, height], title, notes, legend, beside, frame, x_ticks, x_labels, x_label_size, y_ticks, guides, color_ticks }
     }
 }
 
@@ -188,23 +195,48 @@ fn own_y(chart: &Chart) -> Vec<f64> {
     chart.heat.iter().flat_map(|heat| heat.y_values.iter().copied()).collect()
 }
 
-/// As many labels below the frame as stand apart.
+/// How many labels have room along a side of that height.
+fn label_count(span: Span, height: f64) -> f64 {
+    match span.scale {
+        Scale::Linear => height / 28.0,
+        Scale::Logarithmic => height / 16.0,
+    }
+}
+
+/// The lines of each label below the frame: one, but for names that are wider than their share of the side.
+///
+/// Names are first written smaller before words are cut.
+fn x_labels(chart: &Chart, ticks: &Ticks, width: f64) -> (Vec<Vec<String>>, f64) {
+    if chart.x.categories.is_empty() {
+        return (ticks.major.iter().map(|tick| vec![tick.label.clone()]).collect(), TICK_SIZE);
+    }
+    let share = (width / chart.x.categories.len() as f64 - 5.0).max(TICK_SIZE);
+    let words = || ticks.major.iter().flat_map(|tick| tick.label.split_whitespace()).flat_map(|word| word.split_inclusive('-'));
+    let widest = words().map(|word| text::width(word, TICK_SIZE)).fold(0.0, f64::max);
+    let size = TICK_SIZE * (share / widest.max(share)).max(0.7);
+    (ticks.major.iter().map(|tick| text::wrapped(&tick.label, size, share)).collect(), size)
+}
+
+/// Height of the labels below the frame.
+fn numbers_height(labels: &[Vec<String>]) -> f64 {
+    labels.iter().map(|lines| lines_height(lines, TICK_SIZE)).fold(line_height(TICK_SIZE), f64::max)
+}
+
+/// As many numbers below the frame as stand apart; names all stay, and are broken into lines instead.
 fn fitting_x_ticks(chart: &Chart, span: Span, room: f64) -> Ticks {
-    let mut count = room / 40.0;
+    let mut count = room / 30.0;
     let mut ticks = axis::ticks(&chart.x, span, count, &own_x(chart));
+    if !chart.x.categories.is_empty() {
+        return ticks;
+    }
     while !stand_apart(&ticks.major, span, room) && count > 1.5 {
         count -= 1.0;
         ticks = axis::ticks(&chart.x, span, count, &own_x(chart));
     }
-    let mut stride = 1;
-    let all = ticks.major.clone();
-    while !stand_apart(&ticks.major, span, room) && stride < all.len() {
-        stride += 1;
-        ticks.major = all.iter().step_by(stride).cloned().collect();
-    }
-    if chart.x.categories.is_empty() && stride > 1 {
-        ticks.minor = all.iter().map(|tick| tick.value).filter(|value| ticks.major.iter().all(|tick| tick.value != *value)).collect();
-    }
+    let all = std::mem::take(&mut ticks.major);
+    let mut strides = (1..=all.len()).map(|stride| all.iter().step_by(stride).cloned().collect::<Vec<_>>());
+    ticks.major = strides.find(|kept| stand_apart(kept, span, room)).unwrap_or_default();
+    ticks.minor.extend(all.iter().map(|tick| tick.value).filter(|value| ticks.major.iter().all(|tick| tick.value != *value)));
     ticks
 }
 
@@ -290,7 +322,7 @@ impl Legend {
 
     /// Height of row `row`: the entry with most lines decides.
     fn row_height(&self, row: usize) -> f64 {
-        let lines = self.entries.iter().skip(row * self.columns).take(self.columns).map(Vec::len).max().unwrap_or(1);
+        let lines = self.entries.iter().skip(row).step_by(self.rows()).map(Vec::len).max().unwrap_or(1);
         line_height(LEGEND_SIZE) * lines.max(1) as f64 + 1.0
     }
 
@@ -331,19 +363,20 @@ fn has_markers(curve: &Curve) -> bool {
 fn draw_axes(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
     let frame = &page.frame;
     let is_named = |axis: &Axis| !axis.categories.is_empty();
+    if chart.heat.is_some() {
+        return;
+    }
     for value in &page.x_ticks.minor {
         vertical(canvas, frame, frame.at_x(*value), 0.5, FINE_GRID);
     }
     for value in &page.y_ticks.minor {
         horizontal(canvas, frame, frame.at_y(*value), 0.5, FINE_GRID);
     }
-    if chart.heat.is_none() {
-        for tick in page.x_ticks.major.iter().filter(|_| !is_named(&chart.x)) {
-            vertical(canvas, frame, frame.at_x(tick.value), 0.6, GRID);
-        }
-        for tick in page.y_ticks.major.iter().filter(|_| !is_named(&chart.y)) {
-            horizontal(canvas, frame, frame.at_y(tick.value), 0.6, GRID);
-        }
+    for tick in page.x_ticks.major.iter().filter(|_| !is_named(&chart.x)) {
+        vertical(canvas, frame, frame.at_x(tick.value), 0.6, GRID);
+    }
+    for tick in page.y_ticks.major.iter().filter(|_| !is_named(&chart.y)) {
+        horizontal(canvas, frame, frame.at_y(tick.value), 0.6, GRID);
     }
 }
 
@@ -370,8 +403,11 @@ fn draw_guides(canvas: &mut Canvas, page: &Page<'_>) {
         let top = baseline - CAPITAL_HEIGHT * TICK_SIZE;
         canvas.dashed(vec![[x, frame.high[1]], [x, frame.low[1]]], palette::dashes(1), 0.8, GREY);
         canvas.stroke(vec![[x, frame.low[1]], [x, top]], 0.6, GREY);
-        let shift = if *anchor == Anchor::Start { 2.5 } else { -2.5 };
-        write(canvas, &guide.label, [x + shift, baseline], *anchor, TICK_SIZE, BLACK);
+        let size = fitting_size(&guide.label, TICK_SIZE, page.size[0] - 2.0 * BORDER);
+        let width = text::width(&guide.label, size);
+        let start = if *anchor == Anchor::Start { x + 2.5 } else { x - 2.5 - width };
+        let start = start.min(page.size[0] - BORDER - width).max(BORDER);
+        write(canvas, &guide.label, [start, baseline], Anchor::Start, size, BLACK);
     }
 }
 
@@ -388,6 +424,11 @@ fn draw_level_guides(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
 
 fn heat_span(heat: &Heat) -> Span {
     axis::span(&heat.axis, heat.values.iter().flatten().copied(), Reach { margin: 0.0, is_from_zero: false })
+}
+
+fn color_ticks(heat: &Heat, height: f64) -> Ticks {
+    let span = heat_span(heat);
+    axis::ticks(&heat.axis, span, label_count(span, height), &[])
 }
 
 fn draw_heat(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
@@ -457,7 +498,7 @@ fn draw_curve(canvas: &mut Canvas, chart: &Chart, index: usize, curve: &Curve, f
         Look::Bars => draw_bars(canvas, chart, index, frame),
         Look::Level => {
             let level = curve.points.first().map(|point| frame.at_y(point.y));
-            for y in level.filter(|y| frame.contains([frame.low[0], *y])) {
+            if let Some(y) = level.filter(|y| frame.contains([frame.low[0], *y])) {
                 canvas.dashed(vec![[frame.low[0], y], [frame.high[0], y]], palette::dashes(1), LINE_WIDTH, ink);
             }
         }
@@ -482,7 +523,9 @@ fn draw_line(canvas: &mut Canvas, places: &[[f64; 2]], curve: &Curve, frame: &Fr
     // Dense curves are drawn thinner: their turns would run together.
     let width = if places.len() > 300 { 0.8 * LINE_WIDTH } else { LINE_WIDTH };
     for part in clipped_line(places, frame.low, frame.high) {
-        canvas.dashed(part, palette::dashes(curve.dash), width, palette::hue(curve.hue));
+        // A fitted law is drawn over its data, which step back.
+        let opacity = if curve.fit.is_some() { 0.4 } else { 1.0 };
+        canvas.dashed(part, palette::dashes(curve.dash), width, palette::hue(curve.hue).with_opacity(opacity));
     }
 }
 
@@ -506,7 +549,7 @@ fn draw_fit(canvas: &mut Canvas, curve: &Curve, frame: &Frame) {
         .map(|x| frame.at(x, value(x)))
         .collect();
     for part in clipped_line(&places, frame.low, frame.high) {
-        canvas.dashed(part, palette::dashes(1), 0.8, palette::hue(curve.hue));
+        canvas.dashed(part, palette::dashes(1), 1.0, palette::hue(curve.hue));
     }
 }
 
@@ -589,22 +632,24 @@ fn draw_x_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) -> f64 {
         let x = frame.at_x(*value);
         canvas.stroke(vec![[x, bottom], [x, bottom + 0.6 * TICK_LENGTH]], 0.6, BLACK);
     }
-    let baseline = bottom + TICK_LENGTH + 2.0 + TICK_SIZE;
-    for tick in &ticks.major {
+    let first_baseline = bottom + TICK_LENGTH + 2.0 + TICK_SIZE;
+    for (tick, lines) in ticks.major.iter().zip(&page.x_labels) {
         let x = frame.at_x(tick.value);
         canvas.stroke(vec![[x, bottom], [x, bottom + TICK_LENGTH]], 0.8, BLACK);
-        let half = text::width(&tick.label, TICK_SIZE) / 2.0;
-        let x = x.clamp(BORDER + half, page.size[0] - BORDER - half);
-        write(canvas, &tick.label, [x, baseline], Anchor::Middle, TICK_SIZE, BLACK);
+        for (index, line) in lines.iter().enumerate() {
+            let half = text::width(line, page.x_label_size) / 2.0;
+            let x = x.min(page.size[0] - BORDER - half).max(BORDER + half);
+            write(canvas, line, [x, first_baseline + index as f64 * line_height(TICK_SIZE)], Anchor::Middle, page.x_label_size, BLACK);
+        }
     }
-    let under_ticks = bottom + TICK_LENGTH + 2.0 + line_height(TICK_SIZE);
+    let under_ticks = bottom + TICK_LENGTH + 2.0 + numbers_height(&page.x_labels);
     let title = axis::title(&chart.x, ticks.exponent);
     if title.is_empty() {
         return under_ticks;
     }
     let size = fitting_size(&title, LABEL_SIZE, page.size[0] - 2.0 * BORDER);
     let half = text::width(&title, size) / 2.0;
-    let center = ((frame.low[0] + frame.high[0]) / 2.0).clamp(BORDER + half, page.size[0] - BORDER - half);
+    let center = ((frame.low[0] + frame.high[0]) / 2.0).min(page.size[0] - BORDER - half).max(BORDER + half);
     write(canvas, &title, [center, under_ticks + 1.0 + LABEL_SIZE], Anchor::Middle, size, BLACK);
     under_ticks + 1.0 + line_height(LABEL_SIZE)
 }
@@ -649,7 +694,7 @@ fn draw_legend(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>, bottom: f64)
     };
     for row in 0..legend.rows() {
         for column in 0..legend.columns {
-            let index = row * legend.columns + column;
+            let index = column * legend.rows() + row;
             if let Some(lines) = legend.entries.get(index) {
                 let x = left + column as f64 * (legend.column_width + 3.0 * GAP);
                 draw_entry(canvas, &chart.curves[index], lines, [x, top]);

@@ -40,7 +40,7 @@ pub fn width(text: &str, size: f64) -> f64 {
     glyphs(text).map(|(_, glyph)| advance(glyph)).sum::<f64>() * size
 }
 
-/// Splits `text` at spaces into lines no wider than `limit`; words that are wider are split by letters.
+/// Splits `text` at spaces, then after hyphens, into lines no wider than `limit`; what is wider still is split by letters.
 pub fn wrapped(text: &str, size: f64, limit: f64) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
@@ -49,10 +49,28 @@ pub fn wrapped(text: &str, size: f64, limit: f64) -> Vec<String> {
         if width(&joined, size) <= limit {
             *line = joined;
         } else {
-            lines.extend(pieces(word, size, limit));
+            lines.extend(broken(word, size, limit));
         }
     }
     lines.retain(|line| !line.is_empty());
+    lines
+}
+
+/// A word cut after hyphens where it is too wide for a line of its own.
+fn broken(word: &str, size: f64, limit: f64) -> Vec<String> {
+    if width(word, size) <= limit {
+        return vec![word.to_owned()];
+    }
+    let mut lines = vec![String::new()];
+    for part in word.split_inclusive('-') {
+        let line = lines.last_mut().expect("there is always a line");
+        let joined = format!("{line}{part}");
+        if width(&joined, size) <= limit {
+            *line = joined;
+        } else {
+            lines.extend(pieces(part, size, limit));
+        }
+    }
     lines
 }
 

@@ -194,8 +194,8 @@ mod tests {
     #[test]
     fn a_small_variance_on_a_large_mean_is_not_lost() {
         // In f32 squares of 4096 have steps of 1; the variance is 1/4 of a step of the values.
-        let average = averaged(&[image([4096.0; 3]), image([4096.000_5; 3])]);
-        let step = f64::from(4096.000_5_f32) - 4096.0;
+        let average = averaged(&[image([4096.0; 3]), image([4_096.000_5; 3])]);
+        let step = f64::from(4_096.000_5_f32) - 4096.0;
         assert_eq!(layer(&average, VARIANCE), [(step * step / 2.0) as f32; 3]);
     }
 
@@ -226,10 +226,7 @@ mod tests {
     fn images_of_another_size_or_alpha_are_refused() {
         let mut mean = RunningMean::of(&image([1.0; 3]));
         let other_size = Image::opaque(Raster::filled(1, 2, [1.0; 3]));
-        assert_eq!(
-            mean.push(&other_size).unwrap_err().to_string(),
-            "image 2 has 1 x 2 pixels and the first 2 x 1; all must have one size"
-        );
+        assert_eq!(mean.push(&other_size).unwrap_err().to_string(), "image 2 has 1 x 2 pixels and the first 2 x 1; all must have one size");
         let mut other_alpha = image([1.0; 3]);
         other_alpha.alpha = Some(Plane { width: 2, height: 1, values: vec![0.0, 1.0] });
         assert_eq!(mean.push(&other_alpha).unwrap_err(), AverageError::AlphaDiffers { position: 2 });

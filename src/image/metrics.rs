@@ -66,8 +66,6 @@ impl Metric {
 /// Added to the squared reference in relative errors, so that black pixels do not decide.
 const RELATIVE_EPSILON: f64 = 1e-2;
 
-
-
 /// Two images that cannot be compared in this way.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MetricError {
@@ -84,7 +82,9 @@ pub enum MetricError {
         to_height: usize,
     },
     /// Infinities or what is not a number.
-    #[error("`{port}` has {count} pixels that are not finite, the first in column {x} of row {y}; remove them where it is loaded (`sanitize`)")]
+    #[error(
+        "`{port}` has {count} pixels that are not finite, the first in column {x} of row {y}; remove them where it is loaded (`sanitize`)"
+    )]
     NotFinite {
         /// Which of the two: `of` or `to`.
         port: &'static str,
@@ -354,11 +354,8 @@ fn with_values(picture: &Picture, f: impl Fn(f64) -> f64) -> Image {
         }
     };
     let (width, height) = (picture.width, picture.height);
-    let plane = |alpha: &Vec<u16>| Plane {
-        width,
-        height,
-        values: alpha.iter().map(|&code| f32::from(code) / f32::from(greatest)).collect(),
-    };
+    let plane =
+        |alpha: &Vec<u16>| Plane { width, height, values: alpha.iter().map(|&code| f32::from(code) / f32::from(greatest)).collect() };
     Image { alpha: picture.alpha.as_ref().map(plane), ..Image::opaque(Raster::new(width, height, pixels)) }
 }
 

@@ -411,8 +411,7 @@ impl Developer<'_> {
 
 /// A channel as light: not a number and negative are 0, infinity the largest f32.
 fn light(v: f32) -> f64 {
-    // The larger of a NaN and zero is zero.
-    f64::from(v.max(0.0).min(f32::MAX))
+    if v > 0.0 { f64::from(v.min(f32::MAX)) } else { 0.0 }
 }
 
 /// floor(greatest v + noise + 1/2), within the codes.

@@ -256,7 +256,7 @@ impl Distribution {
         fill_row: impl Fn(usize, &mut [f32]) -> RowFacts + Sync,
         check: impl Fn() -> Result<(), E> + Sync,
     ) -> Result<Vec<RowFacts>, E> {
-        let (width, block_count) = (self.width, self.width.div_ceil(BLOCK));
+        let (width, block_count) = (self.width, self.block_count());
         let guide_count = block_count.next_power_of_two();
         let rows = (BAND / width).max(1);
         let mut facts = vec![RowFacts { sum: 0.0, negative_count: 0, is_finite: true }; self.height];
@@ -387,7 +387,7 @@ impl Distribution {
     /// All 0 in a row that is never drawn.
     pub fn conditional_cdf(&self, y: usize) -> impl Iterator<Item = f64> + '_ {
         let sum = if self.row_weight(y) > 0.0 { self.row_sums[y] } else { f64::INFINITY };
-        let block_count = self.width.div_ceil(BLOCK);
+        let block_count = self.block_count();
         let before = &self.block_sums[y * block_count..(y + 1) * block_count];
         self.row(y).chunks(BLOCK).zip(before).flat_map(move |(block, before)| {
             let running = block.iter().scan(0.0, |total, &intensity| {
@@ -441,13 +441,21 @@ impl Distribution {
 
     /// Draws one pixel for each point, as [`Self::sample`] does.
     ///
-    /// Step by step for all together, so that the reads from memory of one do not wait for those of another.
+    /// Step by step for all points together. The table is larger than a cache, and nearly every step reads a place
+    /// of its own: without a branch between the reads, those of all points are on their way at once.
     pub fn sample_all<const N: usize>(&self, points: &[[f64; 2]; N]) -> [Pixel; N] {
         let rows: [usize; N] = std::array::from_fn(|k| self.row_at(points[k][1]));
-        let blocks: [usize; N] = std::array::from_fn(|k| self.block_at(rows[k], points[k][0]));
+        let guides: [usize; N] = std::array::from_fn(|k| self.guided_block(rows[k], points[k][0]));
+        let sums: [f64; N] = std::array::from_fn(|k| self.sum_after(rows[k], guides[k]));
+        let blocks: [usize; N] = std::array::from_fn(|k| self.block_from(rows[k], guides[k], sums[k], points[k][0]));
+        let intensities: [[f32; BLOCK]; N] = std::array::from_fn(|k| self.block(rows[k], blocks[k]));
         std::array::from_fn(|k| {
-            let (y, x) = (rows[k], self.column_in(rows[k], blocks[k], points[k][0]));
-            Pixel { x: x as u32, y: y as u32, pmf: self.pmf(x, y) }
+            let (y, u) = (rows[k], points[k][0]);
+            let place = first_beyond(&intensities[k], self.rest_in_block(y, blocks[k], u));
+            match intensities[k].get(place) {
+                Some(&intensity) => self.pixel(blocks[k] * BLOCK + place, y, intensity),
+                None => self.last_pixel_up_to(y, blocks[k]),
+            }
         })
     }
 
@@ -466,28 +474,62 @@ impl Distribution {
     ///
     /// Means nothing in a row of weight 0.
     pub fn column_at(&self, y: usize, u: f64) -> usize {
-        self.column_in(y, self.block_at(y, u), u)
+        let guide = self.guided_block(y, u);
+        let block = self.block_from(y, guide, self.sum_after(y, guide), u);
+        let place = first_beyond(&self.block(y, block), self.rest_in_block(y, block, u));
+        if place < BLOCK { block * BLOCK + place } else { self.last_pixel_up_to(y, block).x as usize }
     }
 
-    fn block_at(&self, y: usize, u: f64) -> usize {
-        let block_count = self.width.div_ceil(BLOCK);
-        let guide_count = block_count.next_power_of_two();
-        let before = &self.block_sums[y * block_count..(y + 1) * block_count];
+    fn block_count(&self) -> usize {
+        self.width.div_ceil(BLOCK)
+    }
+
+    /// The block from which the search for `u` in row `y` starts; never beyond the one it ends at.
+    fn guided_block(&self, y: usize, u: f64) -> usize {
+        let guide_count = self.block_count().next_power_of_two();
+        self.block_guides[y * guide_count + guide_index(u, guide_count)] as usize
+    }
+
+    /// Sum of the intensities of row `y` up to and with that block; infinite at the last, where the search ends.
+    fn sum_after(&self, y: usize, block: usize) -> f64 {
+        if block + 1 < self.block_count() { self.block_sums[y * self.block_count() + block + 1] } else { f64::INFINITY }
+    }
+
+    /// The block that `u` chooses, at or after `block`, with `sum` after which `sum_after` gives.
+    fn block_from(&self, y: usize, mut block: usize, sum: f64, u: f64) -> usize {
         let target = u * self.row_sums[y];
-        let mut block = self.block_guides[y * guide_count + guide_index(u, guide_count)] as usize;
-        while block + 1 < block_count && before[block + 1] <= target {
+        if sum > target {
+            return block;
+        }
+        block += 1;
+        while self.sum_after(y, block) <= target {
             block += 1;
         }
         block
     }
 
-    fn column_in(&self, y: usize, block: usize, u: f64) -> usize {
-        let rest = u * self.row_sums[y] - self.block_sums[y * self.width.div_ceil(BLOCK) + block];
+    /// What is left of u times the sum of row `y` before that block.
+    fn rest_in_block(&self, y: usize, block: usize, u: f64) -> f64 {
+        u * self.row_sums[y] - self.block_sums[y * self.block_count() + block]
+    }
+
+    /// The intensities of a block; those beyond the end of the row are 0, and nothing is drawn there.
+    fn block(&self, y: usize, block: usize) -> [f32; BLOCK] {
         let row = self.row(y);
-        let start = block * BLOCK;
-        let within = &row[start..(start + BLOCK).min(self.width)];
-        let column = start + first_beyond(within, rest);
-        if column < start + within.len() { column } else { last_positive(&row[..column]) }
+        let rest = &row[block * BLOCK..];
+        rest.first_chunk().copied().unwrap_or_else(|| std::array::from_fn(|k| rest.get(k).copied().unwrap_or(0.0)))
+    }
+
+    fn pixel(&self, x: usize, y: usize, intensity: f32) -> Pixel {
+        Pixel { x: x as u32, y: y as u32, pmf: f64::from(intensity) * self.scales[y] }
+    }
+
+    /// The last reachable pixel up to the end of that block: where rounding has left a target at the very end.
+    fn last_pixel_up_to(&self, y: usize, block: usize) -> Pixel {
+        let row = self.row(y);
+        let end = ((block + 1) * BLOCK).min(self.width);
+        let x = row[..end].iter().rposition(|&intensity| intensity > 0.0).unwrap_or(0);
+        self.pixel(x, y, row[x])
     }
 
     fn row(&self, y: usize) -> &[f32] {
@@ -570,10 +612,10 @@ fn guide_index(u: f64, guide_count: usize) -> usize {
     ((u * guide_count as f64) as usize).min(guide_count - 1)
 }
 
-/// Position of the first intensity at which the running sum exceeds `rest`; the length if none does.
+/// Position of the first intensity at which the running sum exceeds `rest`; `BLOCK` if none does.
 ///
 /// Counts instead of leaving the loop: where it ends cannot be predicted, and a wrong guess costs more.
-fn first_beyond(block: &[f32], rest: f64) -> usize {
+fn first_beyond(block: &[f32; BLOCK], rest: f64) -> usize {
     let mut sum = 0.0;
     let mut count = 0;
     for &intensity in block {
@@ -581,11 +623,6 @@ fn first_beyond(block: &[f32], rest: f64) -> usize {
         count += usize::from(sum <= rest);
     }
     count
-}
-
-/// The last reachable pixel: where rounding has left a target at the very end of a block.
-fn last_positive(intensities: &[f32]) -> usize {
-    intensities.iter().rposition(|&intensity| intensity > 0.0).unwrap_or(0)
 }
 
 /// The first pixel of row `y` that is not finite.

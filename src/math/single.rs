@@ -56,10 +56,8 @@ fn exp2(x: f32) -> f32 {
     let bounded = x.clamp(-126.0, 127.0);
     let k = (bounded + ROUNDER) - ROUNDER;
     let t = (bounded - k) * LN_2;
-    let series = 1.0
-        + t * (1.0
-            + t * (1.0 / 2.0
-                + t * (1.0 / 6.0 + t * (1.0 / 24.0 + t * (1.0 / 120.0 + t * (1.0 / 720.0 + t * (1.0 / 5040.0)))))));
+    let series =
+        1.0 + t * (1.0 + t * (1.0 / 2.0 + t * (1.0 / 6.0 + t * (1.0 / 24.0 + t * (1.0 / 120.0 + t * (1.0 / 720.0 + t * (1.0 / 5040.0)))))));
     let scale = f32::from_bits(((k as i32 + 127) as u32) << 23);
     if x < -126.0 { 0.0 } else { series * scale }
 }

@@ -59,3 +59,30 @@ impl From<AverageError> for StageError {
         Self::content(error)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::artifact::AnyArtifact;
+    use crate::image::raster::{Layer, Raster};
+    use crate::stages::rasters::trial;
+
+    fn image(width: usize, value: f32) -> AnyArtifact {
+        AnyArtifact::new(Image::opaque(Raster::filled(width, 1, [value; 3])))
+    }
+
+    #[test]
+    fn images_of_several_references_are_averaged_together() {
+        let inputs = [("a", vec![image(2, 1.0), image(2, 2.0)]), ("b", vec![image(2, 6.0)])];
+        let (results, _) = trial::run::<Average>("{ of: [a, b] }", inputs);
+        let average = results.unwrap()[0].get::<Image>().unwrap();
+        assert_eq!(average.color.pixel(0, 0), [3.0; 3]);
+        assert_eq!(average.layers["variance"], Layer::Color(Raster::filled(2, 1, [7.0; 3])));
+    }
+
+    #[test]
+    fn sizes_that_differ_are_told() {
+        let (results, _) = trial::run::<Average>("{ of: [a] }", [("a", vec![image(2, 1.0), image(3, 1.0)])]);
+        assert!(results.unwrap_err().to_string().starts_with("image 2 has 3 x 1 pixels"));
+    }
+}

@@ -215,3 +215,91 @@ impl From<MetricError> for StageError {
         Self::content(error)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::artifact::AnyArtifact;
+    use crate::image::raster::{Picture, PictureSamples};
+    use crate::light::envmap::EnvMap;
+    use crate::stages::rasters::trial;
+
+    fn image(values: [f32; 3]) -> AnyArtifact {
+        AnyArtifact::new(Image::opaque(Raster::filled(3, 2, values)))
+    }
+
+    fn picture(code: u8) -> AnyArtifact {
+        AnyArtifact::new(Picture { width: 3, height: 2, samples: PictureSamples::Eight(vec![[code; 3]; 6]), alpha: None })
+    }
+
+    fn run(text: &str, of: AnyArtifact, to: AnyArtifact) -> Result<(Table, Image, Vec<String>), String> {
+        let (results, warnings) = trial::run::<Compare>(text, [("a", vec![of]), ("b", vec![to])]);
+        let results = results.map_err(|error| error.to_string())?;
+        Ok(((*results[0].get::<Table>().unwrap()).clone(), (*results[1].get::<Image>().unwrap()).clone(), warnings))
+    }
+
+    fn names(table: &Table) -> Vec<&str> {
+        table.columns.iter().map(|column| column.name.as_str()).collect()
+    }
+
+    #[test]
+    fn a_table_has_a_column_for_each_metric() {
+        let text = "{ of: a, to: b, metrics: [smape, psnr, hdr-flip, mse], peak: 2 }";
+        let (table, map, warnings) = run(text, image([0.5; 3]), image([0.25; 3])).unwrap();
+        let exposures = ["hdr_flip_start_stops", "hdr_flip_stop_stops", "hdr_flip_exposure_count"];
+        assert_eq!(names(&table), [["smape", "psnr", "hdr-flip", "mse"].as_slice(), &exposures].concat());
+        assert_eq!(table.columns[1].unit, "dB");
+        assert_eq!(table.rows[0][3], Cell::Number(0.0625));
+        // 2 · 0.25 / 0.76 in every pixel of the map of the first metric.
+        assert_eq!(map.color.pixel(2, 1), [(0.5_f64 / 0.76) as f32; 3]);
+        assert!(warnings.is_empty() && map.alpha.is_none());
+    }
+
+    #[test]
+    fn the_map_may_show_a_metric_that_the_table_has_not() {
+        let (table, map, _) = run("{ of: a, to: b, map: mse }", image([0.5; 3]), image([0.25; 3])).unwrap();
+        assert_eq!((names(&table), map.color.pixel(0, 0)), (vec!["rmse"], [0.0625; 3]));
+        let (table, map, _) = run("{ of: a, to: b, metrics: [psnr], peak: 1 }", image([0.5; 3]), image([0.25; 3])).unwrap();
+        assert_eq!((names(&table), map.color.pixel(0, 0)), (vec!["psnr"], [0.25; 3]));
+    }
+
+    #[test]
+    fn equal_images_have_an_empty_psnr() {
+        let (table, _, warnings) = run("{ of: a, to: b, metrics: [psnr, rmse], peak: 1 }", image([0.5; 3]), image([0.5; 3])).unwrap();
+        assert_eq!((table.rows[0].as_slice(), warnings.len()), ([Cell::Empty, Cell::Number(0.0)].as_slice(), 1));
+    }
+
+    #[test]
+    fn pictures_are_compared_by_codes_but_flip_reads_them_as_srgb() {
+        let text = "{ of: a, to: b, metrics: [rmse, flip] }";
+        let (table, ..) = run(text, picture(51), picture(102)).unwrap();
+        let Cell::Number(rmse) = table.rows[0][0] else { panic!("a number") };
+        assert!((rmse - 0.2).abs() < 1e-7, "{rmse}");
+        let light = |code: f64| image([crate::image::color::srgb_decode(code / 255.0) as f32; 3]);
+        let (linear, ..) = run(text, light(51.0), light(102.0)).unwrap();
+        assert_eq!(table.rows[0][1], linear.rows[0][1]);
+    }
+
+    #[test]
+    fn what_cannot_be_compared_is_said() {
+        let map = AnyArtifact::new(EnvMap::new(Raster::filled(4, 2, [1.0; 3])));
+        let message = |text: &str, of: AnyArtifact, to: AnyArtifact| run(text, of, to).err().unwrap();
+        let plain = "{ of: a, to: b }";
+        assert_eq!(message(plain, image([1.0; 3]), map), "`of` has 3 x 2 pixels and `to` has 4 x 2; both must have one size");
+        assert_eq!(message(plain, image([1.0; 3]), picture(3)), "one of `of` and `to` is a picture and the other is linear");
+        let hdr = "{ of: a, to: b, metrics: [hdr-flip] }";
+        assert_eq!(message(hdr, picture(3), picture(3)), "`hdr-flip` is for linear images, not for pictures");
+    }
+
+    #[test]
+    fn parameters_that_contradict_each_other_are_mistakes() {
+        let mistakes = |rest: &str| trial::mistakes::<Compare>(&format!("{{ of: a, to: b, {rest} }}"));
+        assert_eq!(mistakes("metrics: [psnr]"), ["metrics: `psnr` needs the peak of the signal"]);
+        assert_eq!(mistakes("metrics: [rmse, flip, rmse]"), ["metrics: a metric stands in the list twice"]);
+        assert_eq!(mistakes("map: psnr"), ["map: `psnr` says nothing of single pixels"]);
+        assert_eq!(mistakes("peak: 1"), ["peak: only `psnr` has a peak"]);
+        assert_eq!(mistakes("metrics: [hdr-flip], hdr_flip_start_stops: 2, hdr_flip_stop_stops: 1").len(), 1);
+        assert_eq!(mistakes("hdr_flip_exposure_count: 3").len(), 1);
+        assert!(mistakes("metrics: [rmse, relmse, smape, psnr, flip, hdr-flip, mean-z], peak: 1, map: flip").is_empty());
+    }
+}

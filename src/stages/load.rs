@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::catalogue;
 use crate::engine::artifact::{AnyArtifact, Artifact, TypeName};
 use crate::engine::job::Job;
 use crate::engine::parameter::InputFile;
@@ -19,6 +20,7 @@ use crate::image::display;
 use crate::image::filter::{self, Rows};
 use crate::image::raster::{Image, Layer, Plane, Raster};
 use crate::light::envmap::{Angles, EnvMap};
+use crate::light::synthesis::{self, Synthetic};
 use crate::math::elementary;
 
 /// Reads an environment map or an image: PFM, Radiance HDR, OpenEXR, NPY, and for images PNG and PPM.
@@ -214,7 +216,12 @@ impl Stage for Load {
         let is_image = self.r#as == Some(LoadAs::Image);
         let rotate = (is_image && self.rotate_degrees != 0.0).then(|| of_map("rotate_degrees"));
         let angles = (is_image && self.angles != Angles::Center).then(|| of_map("angles"));
-        [resize, rotate, angles].into_iter().flatten().collect()
+        let unknown = self.synthetic_name().filter(|name| !synthesis::NAMES.contains(name)).map(|name| Mistake {
+            field: "path".into(),
+            message: unknown_map(name),
+            hint: Some(known_maps(name)),
+        });
+        [unknown, resize, rotate, angles].into_iter().flatten().collect()
     }
 
     fn caveats(&self) -> Vec<String> {
@@ -234,7 +241,7 @@ impl Stage for Load {
 
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {
         let mut image = match self.synthetic_name() {
-            Some(name) => Image::opaque(synthesized(name)?.raster),
+            Some(name) => Image::opaque(synthesized(name, job)?.raster),
             None => self.from_file(job)?,
         };
         self.change_values(&mut image.color, job)?;
@@ -366,9 +373,24 @@ impl Load {
     }
 }
 
-/// The synthetic map of that name.
-fn synthesized(name: &str) -> Result<EnvMap, StageError> {
-    Err(StageError::content(format!("there is no synthetic map `{}`", formats::escaped(name))))
+/// The synthetic map of that name, 1024 pixels wide.
+fn synthesized(name: &str, job: &Job<'_>) -> Result<EnvMap, StageError> {
+    match Synthetic::named(name) {
+        Some(map) => synthesis::synthesize(&map, 1024, || job.check()),
+        None => Err(StageError::content_with_hint(unknown_map(name), known_maps(name))),
+    }
+}
+
+fn unknown_map(name: &str) -> String {
+    format!("there is no synthetic map `{}`", formats::escaped(name))
+}
+
+/// What to write instead of a name that no map has.
+fn known_maps(name: &str) -> String {
+    match catalogue::nearest(name, synthesis::NAMES) {
+        Some(near) => format!("did you mean `synthetic:{near}`?"),
+        None => format!("the maps are `{}`", synthesis::NAMES.join("`, `")),
+    }
 }
 
 fn zero_odd_values(color: &mut Raster, job: &Job<'_>) {

@@ -13,6 +13,7 @@ pub mod grid;
 pub mod load;
 pub mod mark;
 pub mod median_cut;
+pub mod names;
 pub mod plot;
 pub mod profile;
 pub mod rasters;
@@ -23,6 +24,8 @@ pub mod table;
 pub mod tone_map;
 
 use crate::engine::registry::Registry;
+use crate::figure::chart::Chart;
+use crate::figure::table::Table;
 use crate::image::raster::{Image, Picture};
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
@@ -36,6 +39,11 @@ use crate::stages::sample::SampleStage;
 #[rustfmt::skip] // One row a line.
 pub fn registry() -> Registry {
     Registry::default()
+        .with::<table::Collect>()
+        .with::<plot::Plot>()
+        .with::<grid::Grid>()
+        .with_artifact::<Chart>()
+        .with_artifact::<Table>()
         .with::<average::Average>()
         .with::<compare::Compare>()
         .with::<tone_map::ToneMap>()
@@ -53,4 +61,5 @@ pub fn registry() -> Registry {
         .with::<DistributionStage>()
         .with::<ProfileStage>()
         .with::<SampleStage>()
+        .with::<synthesize::Synthesize>()
 }

@@ -79,11 +79,31 @@ impl Stage for ToneMap {
 
     fn mistakes(&self) -> Vec<Mistake> {
         let rules = [
-            (self.gamma.is_some() && self.operator.is_display_encoded(), "gamma", "`agx` gives encoded values already", "leave `gamma` out"),
+            (
+                self.gamma.is_some() && self.operator.is_display_encoded(),
+                "gamma",
+                "`agx` gives encoded values already",
+                "leave `gamma` out",
+            ),
             (self.gamma.is_some() && self.colormap.is_some(), "gamma", "the colors of `colormap` are encoded already", "leave `gamma` out"),
-            (self.white.is_some() && self.operator != Operator::ReinhardExtended, "white", "only `reinhard-extended` has a white", "leave `white` out, or use that operator"),
-            (self.auto_percentile.is_some() && self.exposure_stops != Exposure::Auto, "auto_percentile", "the exposure is given, not found", "use `exposure_stops: auto`"),
-            (self.normalize != Normalization::None && self.exposure_stops == Exposure::Auto, "normalize", "`exposure_stops: auto` finds the scale itself", "use one of the two"),
+            (
+                self.white.is_some() && self.operator != Operator::ReinhardExtended,
+                "white",
+                "only `reinhard-extended` has a white",
+                "leave `white` out, or use that operator",
+            ),
+            (
+                self.auto_percentile.is_some() && self.exposure_stops != Exposure::Auto,
+                "auto_percentile",
+                "the exposure is given, not found",
+                "use `exposure_stops: auto`",
+            ),
+            (
+                self.normalize != Normalization::None && self.exposure_stops == Exposure::Auto,
+                "normalize",
+                "`exposure_stops: auto` finds the scale itself",
+                "use one of the two",
+            ),
         ];
         let broken = rules.into_iter().filter(|(is_broken, ..)| *is_broken);
         broken.map(|(_, field, message, hint)| Mistake { field: field.into(), message: message.into(), hint: Some(hint.into()) }).collect()
@@ -160,4 +180,90 @@ impl ToneMap {
 fn word(choice: &impl Serialize) -> Cell {
     let json = serde_json::to_value(choice).expect("a choice is plain text");
     Cell::Text(json.as_str().unwrap_or_default().into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::artifact::AnyArtifact;
+    use crate::image::raster::{Image, PictureSamples, Raster};
+    use crate::light::envmap::EnvMap;
+    use crate::stages::rasters::trial;
+
+    fn run(text: &str, artifact: AnyArtifact) -> (PictureSamples, Table, Vec<String>) {
+        let (results, warnings) = trial::run::<ToneMap>(text, [("a", vec![artifact])]);
+        let results = results.unwrap();
+        let picture = results[0].get::<Picture>().unwrap();
+        (picture.samples.clone(), (*results[1].get::<Table>().unwrap()).clone(), warnings)
+    }
+
+    fn grey(v: f32) -> AnyArtifact {
+        AnyArtifact::new(Image::opaque(Raster::filled(2, 1, [v; 3])))
+    }
+
+    fn cell(table: &Table, name: &str) -> Cell {
+        table.rows[0][table.column(name).unwrap()].clone()
+    }
+
+    #[test]
+    fn a_picture_comes_with_what_was_used() {
+        let (samples, table, warnings) = run("{ of: a, exposure_stops: -1, gamma: 2.2 }", grey(0.36));
+        assert_eq!(samples, PictureSamples::Eight(vec![[117; 3]; 2]));
+        assert_eq!(cell(&table, "operator"), Cell::Text("linear".into()));
+        assert_eq!(cell(&table, "exposure_stops"), Cell::Number(-1.0));
+        assert_eq!(cell(&table, "gamma"), Cell::Number(2.2));
+        assert_eq!(cell(&table, "clipped_pixels"), Cell::Integer(0));
+        assert!(warnings.is_empty());
+    }
+
+    #[test]
+    fn a_found_exposure_is_told() {
+        let (_, table, _) = run("{ of: a, exposure_stops: auto }", grey(0.125));
+        let Cell::Number(stops) = cell(&table, "exposure_stops") else { panic!("a number of stops") };
+        assert!((stops - 3.0).abs() < 1e-12, "{stops}");
+    }
+
+    #[test]
+    fn environment_maps_are_shown_like_images() {
+        let map = AnyArtifact::new(EnvMap::new(Raster::filled(2, 1, [0.18; 3])));
+        assert_eq!(run("{ of: a }", map).0, run("{ of: a }", grey(0.18)).0);
+    }
+
+    #[test]
+    fn what_was_no_number_is_told() {
+        let (_, table, warnings) = run("{ of: a }", grey(f32::NAN));
+        assert_eq!(warnings, ["2 pixels are not a number and shown as 0"]);
+        assert_eq!(cell(&table, "not_a_number_pixels"), Cell::Integer(2));
+        assert_eq!(run("{ of: a, normalize: max }", grey(0.0)).2.len(), 1);
+    }
+
+    #[test]
+    fn only_dither_draws() {
+        assert!(!trial::parsed::<ToneMap>("{ of: a }").unwrap().draws());
+        assert!(trial::parsed::<ToneMap>("{ of: a, dither: true }").unwrap().draws());
+    }
+
+    #[test]
+    fn choices_that_exclude_each_other_are_mistakes() {
+        let mistakes = |text: &str| trial::mistakes::<ToneMap>(text);
+        assert_eq!(mistakes("{ of: a, operator: agx, gamma: srgb }"), ["gamma: `agx` gives encoded values already"]);
+        assert_eq!(mistakes("{ of: a, white: 2, auto_percentile: 95 }").len(), 2);
+        assert_eq!(mistakes("{ of: a, normalize: max, exposure_stops: auto }").len(), 1);
+        assert!(mistakes("{ of: a, operator: reinhard-extended, white: 2, gamma: srgb, normalize: max, exposure_stops: -2.9 }").is_empty());
+    }
+
+    #[test]
+    fn all_parameters_go_to_json_and_back() {
+        let text = "{ of: a, exposure_stops: auto, auto_percentile: 95, operator: hable, gamma: 2.5, bits: 16, dither: true, alpha: keep, seed: 3 }";
+        let json = trial::parsed::<ToneMap>(text).unwrap().parameters();
+        assert_eq!(trial::parsed::<ToneMap>(&json.to_string().replace("null", "~")).unwrap().parameters(), json);
+        assert_eq!((&json["bits"], &json["exposure_stops"], &json["gamma"]), (&16.into(), &"auto".into(), &2.5.into()));
+    }
+
+    #[test]
+    fn a_wrong_bit_count_or_gamma_is_refused_with_the_right_ones() {
+        let message = |text: &str| trial::parsed::<ToneMap>(text).err().unwrap();
+        assert!(message("{ of: a, bits: 12 }").contains("8 or 16"));
+        assert!(message("{ of: a, gamma: rgb }").contains("`srgb`"));
+    }
 }

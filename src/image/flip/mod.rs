@@ -124,11 +124,16 @@ impl Display {
     #[inline]
     fn shown(self, color: [f32; 3]) -> [f32; 3] {
         match self {
-            // The larger of a NaN and zero is zero.
-            Self::Clamped => color.map(|v| v.max(0.0).min(1.0)),
-            Self::ToneMapped { scale } => color.map(|v| tone_curve((v.max(0.0) * scale).min(BRIGHTEST))),
+            Self::Clamped => color.map(|v| positive(v).min(1.0)),
+            Self::ToneMapped { scale } => color.map(|v| tone_curve((positive(v) * scale).min(BRIGHTEST))),
         }
     }
+}
+
+/// The value, or 0 where it is negative or not a number.
+#[inline]
+fn positive(v: f32) -> f32 {
+    if v > 0.0 { v } else { 0.0 }
 }
 
 /// Far up the shoulder, where the curve is above 1; keeps infinities out of its fraction.

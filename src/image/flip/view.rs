@@ -98,10 +98,8 @@ impl<'a> View<'a> {
             let [wide, narrow] = &self.filters.blue_yellow_columns;
             let luminance = self.along_column(&self.achromatic, &self.filters.achromatic, row, x);
             let red_green = self.along_column(&self.red_green, &self.filters.red_green, row, x);
-            let blue_yellow = sums(
-                self.along_column(&self.blue_yellow[0], wide, row, x),
-                self.along_column(&self.blue_yellow[1], narrow, row, x),
-            );
+            let blue_yellow =
+                sums(self.along_column(&self.blue_yellow[0], wide, row, x), self.along_column(&self.blue_yellow[1], narrow, row, x));
             for i in 0..BLOCK {
                 let filtered = color::linear_of_opponent([luminance[i], red_green[i], blue_yellow[i]]);
                 let lab = hunt_lab(filtered.map(|v| v.clamp(0.0, 1.0)));

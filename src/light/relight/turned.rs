@@ -105,53 +105,58 @@ impl PixelFinder {
         };
         let column_edges: Vec<f64> = (0..=width).map(column_edge).collect();
 
-        let row_from_top = |bucket: usize| 1.0 - bucket as f64 / (2.0 * height as f64);
-        let first_rows = (0..=4 * height).map(|bucket| first_row(&row_edges, 0, row_from_top(bucket)) as u32).collect();
-        let turn_of = |bucket: usize| bucket as f64 / width as f64;
-        let first_columns = (0..=4 * width).map(|bucket| first_column(&column_edges, 0, turn_of(bucket)) as u32).collect();
+        // Buckets begin a little early, so that no rounding puts a direction before the first pixel of its bucket.
+        let top_of = |bucket: usize| 1.0 - (bucket as f64 - 1e-3) * 2.0 / (BUCKETS * height) as f64;
+        let first_rows = (0..=BUCKETS * height).map(|bucket| row_from(&row_edges, 0, top_of(bucket)) as u32).collect();
+        let turn_of = |bucket: usize| (bucket as f64 - 1e-3) * 4.0 / (BUCKETS * width) as f64;
+        let first_columns = (0..=BUCKETS * width).map(|bucket| column_from(&column_edges, 0, turn_of(bucket)) as u32).collect();
         Self { row_edges, first_rows, column_edges, first_columns }
     }
 
     /// Column and row.
     fn pixel(&self, direction: DVec3) -> (usize, usize) {
-        let (width, height) = (self.column_edges.len() - 1, self.row_edges.len() - 1);
-        let row_bucket = ((1.0 - direction.y) * (2.0 * height as f64)) as usize;
-        // A bucket's border may be rounded to the wrong side of a row's edge, hence one step back.
-        let row = (self.first_rows[row_bucket.min(4 * height)] as usize).saturating_sub(1);
+        let depth = (1.0 - direction.y) * (self.first_rows.len() as f64 - 1.0) / 2.0;
+        let first_row = self.first_rows[(depth as usize).min(self.first_rows.len() - 1)];
         let turn = turn(direction.x, direction.z);
-        let column = (self.first_columns[((turn * width as f64) as usize).min(4 * width)] as usize).saturating_sub(1);
-        (first_column(&self.column_edges, column, turn), first_row(&self.row_edges, row, direction.y))
+        let way = turn * ((self.first_columns.len() as f64 - 1.0) / 4.0);
+        let first_column = self.first_columns[(way as usize).min(self.first_columns.len() - 1)];
+        (column_from(&self.column_edges, first_column as usize, turn), row_from(&self.row_edges, first_row as usize, direction.y))
     }
 }
 
-/// The row, counted on from `row`, whose lower edge is below `y`.
-fn first_row(edges: &[f64], row: usize, y: f64) -> usize {
-    (row..edges.len() - 2).find(|row| y > edges[row + 1]).unwrap_or(edges.len() - 2)
+/// Buckets per pixel: so many that the first pixel is nearly always the right one.
+const BUCKETS: usize = 8;
+
+/// The first row, from `row` on, whose lower edge is below `y`.
+fn row_from(edges: &[f64], mut row: usize, y: f64) -> usize {
+    while row + 2 < edges.len() && y <= edges[row + 1] {
+        row += 1;
+    }
+    row
 }
 
-/// The column, counted on from `column`, whose right edge is beyond `turn`.
-fn first_column(edges: &[f64], column: usize, turn: f64) -> usize {
-    (column..edges.len() - 2).find(|column| turn < edges[column + 1]).unwrap_or(edges.len() - 2)
+/// The first column, from `column` on, whose right edge is beyond `turn`.
+fn column_from(edges: &[f64], mut column: usize, turn: f64) -> usize {
+    while column + 2 < edges.len() && turn >= edges[column + 1] {
+        column += 1;
+    }
+    column
 }
 
 /// Where (x, z) lies on the way around, 0 at +x, 1 at +z, 2 at -x, 3 at -z; 0 for no direction.
 fn turn(x: f64, z: f64) -> f64 {
-    let length = x.abs() + z.abs();
-    if length == 0.0 {
-        return 0.0;
-    }
-    match (x >= 0.0, z >= 0.0) {
-        (true, true) => z / length,
-        (false, true) => 1.0 - x / length,
-        (false, false) => 2.0 - z / length,
-        (true, false) => 3.0 + x / length,
-    }
+    let part = z / (x.abs() + z.abs()).max(f64::MIN_POSITIVE);
+    let from_x = if x < 0.0 { 2.0 - part } else { part };
+    if from_x < 0.0 { from_x + 4.0 } else { from_x }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::light::envmap::{direction_at, pixel_containing};
+    use crate::light::samples::{Frame, Sample};
+    use crate::light::test_maps::{constant, noisy};
+    use crate::math::sphere::{cosine_hemisphere, cosine_hemisphere_pdf};
     use crate::math::stream::{Purpose, Stream};
 
     #[test]
@@ -167,6 +172,38 @@ mod tests {
             for direction in [DVec3::X, DVec3::Y, DVec3::Z] {
                 assert_eq!(finder.pixel(direction), pixel_containing(direction, width, height), "{direction}");
             }
+        }
+    }
+
+    #[test]
+    fn cosine_samples_of_a_constant_map_are_exact() {
+        let map = constant(8, 4, [2.0, 1.0, 0.5]);
+        let sample = |index| {
+            let direction = cosine_hemisphere(Stream::new(5, Purpose::Test).generator(index).uniform_pair());
+            let pdf = cosine_hemisphere_pdf(direction.z);
+            Sample { x: 0, y: 0, u: 0.0, v: 0.0, direction, pmf: 0.0, pdf, radiance: None }
+        };
+        let set = SampleSet { map_width: 0, map_height: 0, frame: Frame::Normal, samples: (0..16).map(sample).collect() };
+        let turned = TurnedDirections::new(&set, &map, SampleEstimator::PdfWeighted).unwrap();
+        let image = turned.relight(7, [1.0; 3], || Ok::<(), ()>(())).unwrap();
+        for index in (0..49).filter(|index| image.is_covered(*index)) {
+            let pixel = image.color.pixels()[index];
+            assert!((pixel[0] - 2.0).abs() < 1e-6 && (pixel[2] - 0.5).abs() < 1e-6, "{pixel:?}");
+        }
+        assert!(TurnedDirections::new(&set, &map, SampleEstimator::NormalizedColor).is_err());
+    }
+
+    #[test]
+    fn directions_are_turned_to_the_normal() {
+        // One sample along the normal itself sees the one pixel that the normal looks at.
+        let map = noisy(64, 32);
+        let along = Sample { x: 0, y: 0, u: 0.0, v: 0.0, direction: DVec3::Z, pmf: 0.0, pdf: 1.0 / PI, radiance: None };
+        let set = SampleSet { map_width: 0, map_height: 0, frame: Frame::Normal, samples: vec![along] };
+        let turned = TurnedDirections::new(&set, &map, SampleEstimator::PdfWeighted).unwrap();
+        for normal in [DVec3::X, DVec3::new(0.36, 0.48, 0.8), DVec3::new(-0.6, -0.8, 0.0)] {
+            let found = turned.irradiance(normal, &|| Ok::<(), ()>(())).unwrap();
+            let seen = map.nearest(normal);
+            assert!((0..3).all(|c| (found[c] / PI - f64::from(seen[c])).abs() < 1e-6 * f64::from(seen[c])), "{normal}");
         }
     }
 }

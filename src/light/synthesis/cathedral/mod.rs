@@ -55,15 +55,10 @@ struct Seen {
 
 /// Computes the map; `seed` varies stones and glass, not the building.
 pub fn map<E: Send>(seed: u64, width: usize, check: impl Fn() -> Result<(), E> + Sync) -> Result<EnvMap, E> {
-    let t0 = std::time::Instant::now();
     let lamps = light::lamps();
     let interior = Interior { probes: Probes::gathered(&lamps, &check)?, lamps, seed };
-    eprintln!("probes {:?}", t0.elapsed());
     let starts = tile_starts(width, &check)?;
-    eprintln!("starts {:?}", t0.elapsed());
     let seen = by_pixel(width, &check, |x, y| interior.seen(direction_in(width, x, y, (0.0, 0.0)), start_of(&starts, width, x, y)))?;
-    eprintln!("coarse {:?}", t0.elapsed());
-    eprintln!("edges {}", (0..width*width/2).filter(|i| is_edge(&seen,width,i%width,i/width)).count() as f64/(width*width/2) as f64);
     let pixels = by_pixel(width, &check, |x, y| interior.refined(&seen, width, x, y).to_array())?;
     let mut map = EnvMap::new(Raster::new(width, width / 2, pixels));
     for flame in light::flames() {
@@ -221,4 +216,99 @@ fn schlick(normal_reflectance: f32, cosine: f32) -> f32 {
     let m = (1.0 - cosine).clamp(0.0, 1.0);
     let m2 = m * m;
     normal_reflectance + (1.0 - normal_reflectance) * m2 * m2 * m
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use super::*;
+    use glam::DVec3;
+
+    fn cathedral(width: usize) -> EnvMap {
+        let Ok(map) = map(0, width, || Ok::<(), Infallible>(()));
+        map
+    }
+
+    fn integral(map: &EnvMap) -> [f64; 3] {
+        std::array::from_fn(|c| {
+            (0..map.height()).map(|y| map.raster.row(y).iter().map(|p| f64::from(p[c])).sum::<f64>() * map.solid_angle(y)).sum()
+        })
+    }
+
+    fn mean([r, g, b]: [f32; 3]) -> f32 {
+        (r + g + b) / 3.0
+    }
+
+    #[test]
+    fn every_value_is_light_and_the_range_is_over_a_hundred_thousand() {
+        let map = cathedral(1024);
+        assert!(map.raster.pixels().iter().flatten().all(|value| value.is_finite() && *value > 0.0));
+        let values = || map.raster.pixels().iter().map(|&pixel| mean(pixel));
+        let (least, most) = (values().fold(f32::MAX, f32::min), values().fold(0.0, f32::max));
+        assert!(most / least > 1e5, "{least} to {most}");
+    }
+
+    #[test]
+    fn light_does_not_depend_on_the_width() {
+        let (coarse, fine) = (integral(&cathedral(256)), integral(&cathedral(1024)));
+        for channel in 0..3 {
+            let ratio = coarse[channel] / fine[channel];
+            assert!((ratio - 1.0).abs() < 0.02, "channel {channel}: {ratio}");
+        }
+    }
+
+    #[test]
+    fn the_same_bytes_for_any_number_of_threads() {
+        let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        assert_eq!(pool(1).install(|| cathedral(128)), pool(4).install(|| cathedral(128)));
+    }
+
+    #[test]
+    fn windows_and_vault_stand_where_the_building_has_them() {
+        let map = cathedral(512);
+        let towards = |point: Vec3| mean(map.nearest((point - EYE).as_dvec3().normalize()));
+        // The middle of the apse's window, of the rose, of the windows of the aisles: off the mullion.
+        let apse = towards(Vec3::new(-32.6, 9.0, 0.5));
+        let rose = towards(Vec3::new(15.3, 13.2, 0.4));
+        let (south, north) = (towards(Vec3::new(0.6, 4.0, 11.4)), towards(Vec3::new(0.6, 4.0, -11.4)));
+        let (vault, floor) = (mean(map.nearest(DVec3::Y)), mean(map.nearest(DVec3::new(0.2, -1.0, 0.1).normalize())));
+        for window in [apse, rose, south, north] {
+            assert!(window > 10.0 * vault && window > 10.0 * floor, "{window} {vault} {floor}");
+        }
+        // The sun stands in the south (+z).
+        let half = |sign: f64| -> f64 {
+            (0..256)
+                .flat_map(|y| (0..512).map(move |x| (x, y)))
+                .filter(|&(x, y)| map.direction(x, y).z * sign > 0.0)
+                .map(|(x, y)| f64::from(mean(map.raster.pixel(x, y))) * map.solid_angle(y))
+                .sum()
+        };
+        assert!(half(1.0) > half(-1.0));
+    }
+
+    #[test]
+    fn the_seam_is_no_edge() {
+        let map = cathedral(512);
+        let step = |a: usize, b: usize| -> f64 {
+            let pairs = (0..256).map(|y| (mean(map.raster.pixel(a, y)), mean(map.raster.pixel(b, y))));
+            pairs.map(|(a, b)| f64::from((a - b).abs() / (a + b))).sum::<f64>() / 256.0
+        };
+        let others = (20..500).step_by(20).map(|x| step(x, x + 1)).fold(0.0, f64::max);
+        assert!(step(511, 0) < others, "{} against {others}", step(511, 0));
+    }
+
+    #[test]
+    fn another_seed_changes_stone_and_not_the_building() {
+        let Ok(other) = map(1, 128, || Ok::<(), Infallible>(()));
+        let first = cathedral(128);
+        assert_ne!(first, other);
+        let (a, b) = (integral(&first), integral(&other));
+        assert!((a[1] / b[1] - 1.0).abs() < 0.1, "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn the_work_stops_when_asked_to() {
+        assert_eq!(map(0, 256, || Err("stop")).unwrap_err(), "stop");
+    }
 }

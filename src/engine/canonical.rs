@@ -1,0 +1,111 @@
+//! The one form of a parameter block that enters a key.
+//!
+//! Ports are left out (inputs enter by content), so is what stands at its default; files are replaced by
+//! their field name, since their digest enters; numbers have one form and keys are sorted.
+
+use serde_json::{Map, Number, Value as Json, json};
+
+use super::coordinate::Scalar;
+use super::schema::{FieldPath, Role, Step, resolved};
+
+/// A field that has no place in the key as it stands.
+pub struct Replaced<'a> {
+    /// Where it is.
+    pub path: &'a FieldPath,
+    /// What it means.
+    pub role: &'a Role,
+    /// What stands instead; nothing for `None`.
+    pub instead: Option<Json>,
+}
+
+/// The canonical form of `parameters`, all fields of a block with that schema.
+pub fn canonical(schema: &Json, parameters: Json, replaced: &[Replaced<'_>]) -> Json {
+    let mut json = parameters;
+    strip_defaults(schema, schema, &mut json);
+    for Replaced { path, instead, .. } in replaced {
+        match instead {
+            Some(instead) => put(&mut json, path, instead.clone()),
+            None => remove(&mut json, path),
+        }
+    }
+    sorted(json)
+}
+
+fn put(json: &mut Json, path: &FieldPath, value: Json) {
+    if let Some(place) = path.in_json(json) {
+        *place = value;
+    } else if let (Json::Object(fields), [Step::Field(name)]) = (json, &path.0[..]) {
+        fields.insert(name.clone(), value);
+    }
+}
+
+fn remove(json: &mut Json, path: &FieldPath) {
+    let Some((last, parents)) = path.0.split_last() else { return };
+    match (FieldPath(parents.to_vec()).in_json(json), last) {
+        (Some(Json::Object(fields)), Step::Field(name)) => {
+            fields.shift_remove(name);
+        }
+        (Some(Json::Array(items)), Step::Item(index)) if *index < items.len() => items[*index] = Json::Null,
+        _ => {}
+    }
+}
+
+/// Removes what is absent or at its default, at any depth of fields.
+fn strip_defaults(root: &Json, schema: &Json, json: &mut Json) {
+    let (Some(properties), Json::Object(fields)) = (resolved(root, schema).get("properties").and_then(Json::as_object), json) else {
+        return;
+    };
+    fields.retain(|name, value| {
+        let schema = properties.get(name);
+        let default = schema.and_then(|schema| schema.get("default"));
+        let is_default = value.is_null() || default.is_some_and(|default| sorted(default.clone()) == sorted(value.clone()));
+        if let (Some(schema), false) = (schema, is_default) {
+            strip_defaults(root, schema, value);
+        }
+        !is_default
+    });
+}
+
+/// Keys in order and numbers in their one form, at any depth.
+pub fn sorted(json: Json) -> Json {
+    match json {
+        Json::Object(fields) => {
+            let mut entries: Vec<(String, Json)> = fields.into_iter().map(|(name, value)| (name, sorted(value))).collect();
+            entries.sort_by(|a, b| a.0.cmp(&b.0));
+            Json::Object(entries.into_iter().collect::<Map<_, _>>())
+        }
+        Json::Array(items) => Json::Array(items.into_iter().map(sorted).collect()),
+        Json::Number(number) => one_form(number),
+        other => other,
+    }
+}
+
+/// 1.0 and 1 are one value.
+fn one_form(number: Number) -> Json {
+    match number.as_f64() {
+        Some(value) if number.is_f64() => match Scalar::from_number(value) {
+            Scalar::Integer(whole) => i64::try_from(whole).map_or(Json::Number(number), |whole| json!(whole)),
+            _ => Json::Number(number),
+        },
+        _ => Json::Number(number),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_ports_and_the_form_of_numbers_do_not_matter() {
+        let schema = json!({ "properties": { "of": {}, "b": { "default": 2.0 }, "a": {}, "none": {}, "path": {} } });
+        let path = |name: &str| FieldPath::parse(name);
+        let (of, file) = (path("of"), path("path"));
+        let replaced = [
+            Replaced { path: &of, role: &Role::Port(Vec::new()), instead: None },
+            Replaced { path: &file, role: &Role::File, instead: Some(json!({ "file": "path" })) },
+        ];
+        let parameters = json!({ "path": "/x/y.pfm", "of": "env", "none": null, "b": 2, "a": { "z": 1.0, "c": [0.5] } });
+        let canonical = canonical(&schema, parameters, &replaced);
+        assert_eq!(canonical.to_string(), r#"{"a":{"c":[0.5],"z":1},"path":{"file":"path"}}"#);
+    }
+}

@@ -1,0 +1,375 @@
+//! One run from a checked graph to its manifest: plan, schedule, publish, record.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::hash::{BuildHasher, Hasher};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use super::artifact::ArtifactKind;
+use super::digest::Digest;
+use super::events::{Event, Failure, Listener};
+use super::freshness::{self, InputError, Plan};
+use super::graph::Graph;
+use super::history::History;
+use super::manifest::{
+    JobEntry, Machine, Manifest, Measured, Outcome, Program, PublishedEntry, SCHEMA, ShortManifest, SpecEntry, Standing, Status,
+    WarningEntry, result_id,
+};
+use super::publish::OutputFolder;
+use super::registry::Registry;
+use super::schedule::values::Shared;
+use super::schedule::{Finished, Ledger, Scheduler, Settings, World};
+use super::signature::{Signature, Signatures};
+use super::store::committer::Committer;
+use super::store::folder::FolderStore;
+use super::store::index::Index;
+use super::store::library::Library;
+use super::system::SystemError;
+
+/// Where a run reads and writes.
+#[derive(Debug, Clone)]
+pub struct Places {
+    /// The folder of outputs.
+    pub outputs: PathBuf,
+    /// The folder of the store.
+    pub store: PathBuf,
+}
+
+impl Places {
+    fn pipeline_folder(&self, graph: &Graph) -> PathBuf {
+        self.outputs.join(&graph.pipeline)
+    }
+}
+
+/// Why there was no run at all, or none that could be recorded.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// Named input files cannot be read.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+    Inputs(Vec<InputError>),
+    /// The operating system failed.
+    #[error(transparent)]
+    System(#[from] SystemError),
+}
+
+/// What a run came to.
+#[derive(Debug)]
+pub struct Summary {
+    /// Name of the run.
+    pub run_id: String,
+    /// See [`result_id`].
+    pub result_id: Digest,
+    /// How it ended.
+    pub status: Status,
+    /// The run whose results stand, if this one changed nothing.
+    pub results_of: Option<String>,
+    /// The manifest of the results.
+    pub manifest: PathBuf,
+    /// Times and counts.
+    pub measured: Measured,
+    /// Why jobs failed.
+    pub failures: Vec<Failure>,
+    /// What the reader of the results must know.
+    pub warnings: Vec<WarningEntry>,
+    /// What the operating system refused beside the jobs (the store could not be written).
+    pub system_error: Option<SystemError>,
+}
+
+/// What the store and the last run know, before a run.
+struct Known {
+    library: Arc<Library>,
+    index: Index,
+    signatures: Signatures,
+}
+
+const SIGNATURES: &str = "signatures";
+
+impl Known {
+    fn load(places: &Places, graph: &Graph) -> Self {
+        let library = Arc::new(Library::new(Arc::new(FolderStore::at(&places.store))));
+        let index = Index::load(&library, &graph.pipeline);
+        let signatures = library.note(SIGNATURES).map(|text| Signatures::from_text(&text)).unwrap_or_default();
+        Self { library, index, signatures }
+    }
+}
+
+/// What would run and why, as entries of a manifest; writes nothing.
+pub fn plan(graph: &Graph, places: &Places) -> Result<(Vec<JobEntry>, Vec<String>), RunError> {
+    let mut known = Known::load(places, graph);
+    let plan = freshness::plan(graph, &known.library, &known.index, &mut known.signatures).map_err(RunError::Inputs)?;
+    let mut history = History::new(places.pipeline_folder(graph), graph);
+    Ok((freshness::entries(graph, &plan, &mut history), plan.warnings))
+}
+
+/// Runs a pipeline: computes what the store lacks, publishes, and writes the manifest.
+pub fn run(
+    graph: Graph,
+    registry: &Registry,
+    places: &Places,
+    settings: Settings,
+    interrupted: Arc<AtomicBool>,
+    listener: &mut dyn Listener,
+) -> Result<Summary, RunError> {
+    let clock = Clock::start();
+    let mut known = Known::load(places, &graph);
+    let plan = freshness::plan(&graph, &known.library, &known.index, &mut known.signatures).map_err(RunError::Inputs)?;
+
+    let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
+    outputs.prepare()?;
+    let standing = read_standing(&outputs.path());
+    let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), settings, interrupted, listener);
+    let (shared, finished) = finished;
+    conclude(&shared, finished, known, standing, settings, &clock, listener)
+}
+
+#[expect(clippy::too_many_arguments, reason = "joins what the run is made of, once")]
+fn execute(
+    graph: Graph,
+    registry: &Registry,
+    plan: Plan,
+    known: &mut Known,
+    outputs: &OutputFolder,
+    standing: Option<&Standing>,
+    settings: Settings,
+    interrupted: Arc<AtomicBool>,
+    listener: &mut dyn Listener,
+) -> (Arc<Shared>, Finished) {
+    let artifacts: BTreeMap<&'static str, ArtifactKind> = registry.artifacts().iter().map(|(name, kind)| (name, *kind)).collect();
+    let history = History::new(outputs.path(), &graph);
+    let committer = Committer::new(known.library.clone());
+    let shared = Arc::new(Shared::new(graph, artifacts, known.library.clone(), outputs.clone(), interrupted, committer.submit()));
+    let world = World { history, index: &known.index, signatures: &mut known.signatures, standing };
+    let mut scheduler = Scheduler::new(shared.clone(), plan, world, committer, settings, listener);
+    scheduler.run();
+    (shared, scheduler.finish())
+}
+
+/// The latest manifest, as far as a next run needs it.
+fn read_standing(folder: &Path) -> Option<Standing> {
+    serde_json::from_slice(&fs::read(folder.join("manifest.json")).ok()?).ok()
+}
+
+/// After the jobs: removes what is no longer published, updates the caches, writes the manifest.
+fn conclude(
+    shared: &Shared,
+    finished: Finished,
+    mut known: Known,
+    standing: Option<Standing>,
+    settings: Settings,
+    clock: &Clock,
+    listener: &mut dyn Listener,
+) -> Result<Summary, RunError> {
+    let graph = &shared.graph;
+    let outputs = &shared.outputs;
+    let Finished { entries, mut ledger, was_interrupted, committed } = finished;
+    ledger.published.sort();
+    let status = match () {
+        () if was_interrupted => Status::Interrupted,
+        () if !ledger.failures.is_empty() || committed.is_err() => Status::Failed,
+        () => Status::Done,
+    };
+
+    let earlier = files_left_over(standing.as_ref(), &ledger.published);
+    let is_complete = status == Status::Done && graph.is_whole;
+    let (removed, kept) =
+        if is_complete { (remove_unedited(outputs, &earlier, &mut known.signatures, &mut ledger)?, Vec::new()) } else { (0, earlier) };
+
+    let mut system_error = committed.err();
+    if system_error.is_none() {
+        system_error = keep_caches(&mut known, outputs, &mut ledger, &graph.pipeline).err();
+    }
+    let mut measured = clock.measured(settings);
+    measured.memory_peak = ledger.memory_peak;
+    measured.files_written = ledger.written.len() as u64;
+    measured.files_removed = removed;
+    for entry in &entries {
+        *measured.jobs.entry(entry.outcome.word().to_owned()).or_default() += 1;
+    }
+
+    let warnings = warning_entries(graph, &entries, std::mem::take(&mut ledger.warnings));
+    let result_id = result_id(&entries, &ledger.published);
+    let run_id = new_run_folder(outputs, clock)?;
+    let changed_nothing = measured.files_written + removed == 0 && entries.iter().all(|entry| entry.outcome == Outcome::Hit);
+    let results_of = standing.filter(|standing| changed_nothing && standing.stands_for(status, &result_id)).map(|standing| standing.run_id);
+    match &results_of {
+        Some(earlier) => write_short(outputs, graph, &run_id, result_id, earlier, &measured)?,
+        None => {
+            let manifest = Manifest {
+                schema: SCHEMA.into(),
+                pipeline: graph.pipeline.clone(),
+                run_id: run_id.clone(),
+                result_id,
+                status,
+                whole: graph.is_whole,
+                seed: graph.seed,
+                spec: spec_entries(graph),
+                overrides: graph.overrides.clone(),
+                jobs: entries,
+                published: ledger.published,
+                kept,
+                warnings: warnings.clone(),
+                program: Program::this(),
+                machine: Machine::this(),
+                measured: measured.clone(),
+            };
+            write_whole(outputs, &manifest)?;
+        }
+    }
+    outputs.tidy();
+    for warning in &warnings {
+        listener.notify(&Event::Warning { stage: warning.stage.clone(), message: warning.message.clone() });
+    }
+    listener.notify(&Event::Ended { run_id: run_id.clone(), status, seconds: measured.seconds });
+    let manifest = outputs.path().join("manifest.json");
+    Ok(Summary { run_id, result_id, status, results_of, manifest, measured, failures: ledger.failures, warnings, system_error })
+}
+
+/// Files that the last run stood behind and this one does not.
+fn files_left_over(standing: Option<&Standing>, published: &[PublishedEntry]) -> Vec<PublishedEntry> {
+    let present: BTreeSet<&str> = published.iter().map(|entry| entry.path.as_str()).collect();
+    let earlier = standing.into_iter().flat_map(|standing| standing.published.iter().chain(&standing.kept));
+    earlier.filter(|entry| !present.contains(entry.path.as_str())).cloned().collect()
+}
+
+/// Removes files of earlier runs that no one has changed since; returns their number.
+fn remove_unedited(
+    outputs: &OutputFolder,
+    files: &[PublishedEntry],
+    signatures: &mut Signatures,
+    ledger: &mut Ledger,
+) -> Result<u64, SystemError> {
+    let mut removed = 0;
+    for entry in files {
+        let Some((status, file)) = outputs.open(&entry.path) else { continue };
+        let known = signatures.known(&status);
+        let found = known.or_else(|| signatures.content_of_file(file).ok().map(|content| content.digest));
+        if found == Some(entry.sha256) {
+            outputs.remove(&entry.path)?;
+            removed += 1;
+        } else {
+            let message = format!("`{}` is of an earlier run and has been changed since: it was left in place", entry.path);
+            ledger.warnings.push((String::new(), message));
+        }
+    }
+    Ok(removed)
+}
+
+/// Writes the index and the signatures if this run learnt something.
+fn keep_caches(known: &mut Known, outputs: &OutputFolder, ledger: &mut Ledger, pipeline: &str) -> Result<(), SystemError> {
+    let digests: BTreeMap<&str, Digest> = ledger.published.iter().map(|entry| (entry.path.as_str(), entry.sha256)).collect();
+    for path in &ledger.written {
+        if let (Some((status, _)), Some(digest)) = (outputs.open(path), digests.get(path.as_str())) {
+            known.signatures.remember(Signature::of(&status), *digest);
+        }
+    }
+    if known.signatures.has_news() {
+        known.library.keep_note(SIGNATURES, &known.signatures.to_text())?;
+    }
+    let index = std::mem::take(&mut ledger.index);
+    if index.is_within(&known.index) {
+        return Ok(());
+    }
+    index.keep(std::mem::take(&mut known.index), &known.library, pipeline)
+}
+
+/// Each warning once per stage, with the number of jobs that gave it.
+fn warning_entries(graph: &Graph, entries: &[JobEntry], others: Vec<(String, String)>) -> Vec<WarningEntry> {
+    let of_jobs = entries.iter().flat_map(|entry| entry.warnings.iter().map(|text| (entry.stage.clone(), text.clone())));
+    let mut counts: BTreeMap<(String, String), u64> = BTreeMap::new();
+    for warning in of_jobs.chain(others) {
+        *counts.entry(warning).or_default() += 1;
+    }
+    let order: BTreeMap<&str, usize> = graph.stages.iter().enumerate().map(|(index, stage)| (stage.name.as_str(), index)).collect();
+    let mut warnings: Vec<WarningEntry> =
+        counts.into_iter().map(|((stage, message), jobs)| WarningEntry { stage, message, jobs }).collect();
+    // By the order of the stages in the file; what no stage is to blame for comes last.
+    warnings.sort_by_key(|warning| order.get(warning.stage.as_str()).copied().unwrap_or(usize::MAX));
+    warnings
+}
+
+fn spec_entries(graph: &Graph) -> Vec<SpecEntry> {
+    let entry = |source: &super::graph::Source| SpecEntry {
+        path: source.path.clone(),
+        sha256: Digest::of(source.text.as_bytes()),
+        text: source.text.clone(),
+    };
+    graph.sources.iter().map(entry).collect()
+}
+
+fn write_whole(outputs: &OutputFolder, manifest: &Manifest) -> Result<(), SystemError> {
+    let text = format!("{}\n", serde_json::to_string_pretty(manifest).expect("a manifest is plain data"));
+    outputs.write(&run_path(&manifest.run_id), text.as_bytes())?;
+    outputs.write("manifest.json", text.as_bytes())
+}
+
+fn write_short(
+    outputs: &OutputFolder,
+    graph: &Graph,
+    run_id: &str,
+    result_id: Digest,
+    results_of: &str,
+    measured: &Measured,
+) -> Result<(), SystemError> {
+    let manifest = ShortManifest {
+        schema: SCHEMA.into(),
+        pipeline: graph.pipeline.clone(),
+        run_id: run_id.to_owned(),
+        result_id,
+        status: Status::Done,
+        results_of: results_of.to_owned(),
+        measured: measured.clone(),
+    };
+    let text = format!("{}\n", serde_json::to_string_pretty(&manifest).expect("a manifest is plain data"));
+    outputs.write(&run_path(run_id), text.as_bytes())
+}
+
+fn run_path(run_id: &str) -> String {
+    format!("runs/{run_id}/manifest.json")
+}
+
+/// Makes the folder of a run under a name that no other run has.
+fn new_run_folder(outputs: &OutputFolder, clock: &Clock) -> Result<String, SystemError> {
+    loop {
+        let run_id = format!("{}-{:06x}", clock.stamp("%Y%m%dT%H%M%SZ"), random_number() & 0xff_ffff);
+        if outputs.make_new_folder(&format!("runs/{run_id}"))? {
+            return Ok(run_id);
+        }
+    }
+}
+
+/// A number that two processes are unlikely to share; nothing that is computed depends on it.
+fn random_number() -> u64 {
+    std::hash::RandomState::new().build_hasher().finish()
+}
+
+/// When a run began, by the clock on the wall and by one that only goes forward.
+struct Clock {
+    wall: jiff::Timestamp,
+    steady: Instant,
+}
+
+impl Clock {
+    fn start() -> Self {
+        Self { wall: jiff::Timestamp::now(), steady: Instant::now() }
+    }
+
+    fn stamp(&self, format: &str) -> String {
+        self.wall.strftime(format).to_string()
+    }
+
+    fn measured(&self, settings: Settings) -> Measured {
+        Measured {
+            started: self.stamp("%Y-%m-%dT%H:%M:%SZ"),
+            seconds: self.steady.elapsed().as_secs_f64(),
+            threads: settings.threads.get() as u64,
+            memory_limit: settings.memory,
+            ..Measured::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,134 @@
+//! Makes results durable in groups: blobs, one sync, then the records that name them.
+//!
+//! A record never stands on disk before its bytes. Jobs do not wait for it: what is lost with the power is
+//! the last group, and its jobs run again.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::library::Library;
+use super::objects::Shelf;
+use super::record::{Blob, PublicationRecord, ResultRecord};
+use crate::engine::digest::Digest;
+use crate::engine::system::SystemError;
+
+/// As many records, or as much time, make a group.
+const GROUP_COUNT: usize = 64;
+const GROUP_TIME: Duration = Duration::from_millis(50);
+
+/// A record whose blobs are written but perhaps not durable.
+pub enum Commit {
+    /// Of a job.
+    Result(ResultRecord),
+    /// Of an encoded file.
+    Publication(PublicationRecord),
+}
+
+impl Commit {
+    fn blobs(&self) -> Vec<&Blob> {
+        match self {
+            Commit::Result(record) => record.outputs.iter().map(|output| &output.content).collect(),
+            Commit::Publication(record) => vec![&record.content],
+        }
+    }
+}
+
+enum Message {
+    Commit(Commit),
+    End,
+}
+
+/// Takes records from the job threads; its own thread starts when there is something to commit.
+pub struct Committer {
+    library: Arc<Library>,
+    sender: Sender<Message>,
+    receiver: Option<Receiver<Message>>,
+    thread: Option<JoinHandle<Result<(), SystemError>>>,
+}
+
+/// Hands records to the committer, from any thread.
+#[derive(Clone)]
+pub struct Submit(Sender<Message>);
+
+impl Submit {
+    /// Commits with the next group. Nothing happens if the committer has failed: its error ends the run.
+    pub fn submit(&self, commit: Commit) {
+        let _ = self.0.send(Message::Commit(commit));
+    }
+}
+
+impl Committer {
+    /// A committer that has not started.
+    pub fn new(library: Arc<Library>) -> Self {
+        let (sender, receiver) = channel();
+        Self { library, sender, receiver: Some(receiver), thread: None }
+    }
+
+    /// A way to hand records in.
+    pub fn submit(&self) -> Submit {
+        Submit(self.sender.clone())
+    }
+
+    /// Starts the thread, if it has not started.
+    pub fn start(&mut self) {
+        let Some(receiver) = self.receiver.take() else { return };
+        let library = self.library.clone();
+        let thread = std::thread::Builder::new().name("commit".into()).spawn(move || commit_groups(&library, &receiver));
+        self.thread = Some(thread.expect("the system gives a thread"));
+    }
+
+    /// Whether it has ended early, which only an error makes it do.
+    pub fn has_failed(&self) -> bool {
+        self.thread.as_ref().is_some_and(JoinHandle::is_finished)
+    }
+
+    /// Commits what was handed in, and ends.
+    pub fn finish(mut self) -> Result<(), SystemError> {
+        // If it has ended already, its error comes with the join.
+        let _ = self.sender.send(Message::End);
+        let thread = self.thread.take();
+        thread.map_or(Ok(()), |thread| thread.join().expect("the committer does not panic"))
+    }
+}
+
+fn commit_groups(library: &Library, receiver: &Receiver<Message>) -> Result<(), SystemError> {
+    loop {
+        let (group, is_last) = next_group(receiver);
+        commit_group(library, &group)?;
+        if is_last {
+            return Ok(());
+        }
+    }
+}
+
+/// The next records, and whether there will be no more.
+fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, bool) {
+    let mut group = Vec::new();
+    match receiver.recv() {
+        Ok(Message::Commit(commit)) => group.push(commit),
+        Ok(Message::End) | Err(_) => return (group, true),
+    }
+    let deadline = Instant::now() + GROUP_TIME;
+    while group.len() < GROUP_COUNT {
+        match receiver.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+            Ok(Message::Commit(commit)) => group.push(commit),
+            Ok(Message::End) | Err(RecvTimeoutError::Disconnected) => return (group, true),
+            Err(RecvTimeoutError::Timeout) => break,
+        }
+    }
+    (group, false)
+}
+
+fn commit_group(library: &Library, group: &[Commit]) -> Result<(), SystemError> {
+    let blobs: Vec<Digest> = group.iter().flat_map(Commit::blobs).filter(|blob| blob.inline.is_none()).map(|blob| blob.digest).collect();
+    library.make_durable(&blobs)?;
+    for commit in group {
+        match commit {
+            Commit::Result(record) => library.keep_record(Shelf::Results, record)?,
+            Commit::Publication(record) => library.keep_record(Shelf::Publications, record)?,
+        }
+    }
+    Ok(())
+}

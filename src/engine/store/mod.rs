@@ -1,0 +1,13 @@
+//! What was computed before: immutable blobs by their digest, result records by their key.
+//!
+//! `objects` is the small trait that a local folder, a shared folder or a bucket stands behind; `folder` the
+//! local one; `record` what a record says; `library` reads and writes blobs and records through the trait and
+//! trusts nothing that it reads; `committer` makes results durable in groups; `index` and the file of stat
+//! signatures are caches that can be rebuilt.
+
+pub mod committer;
+pub mod folder;
+pub mod index;
+pub mod library;
+pub mod objects;
+pub mod record;
