@@ -242,7 +242,7 @@ impl Stage for Load {
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {
         let mut image = match self.synthetic_name() {
             Some(name) => Image::opaque(synthesized(name, job)?.raster),
-            None => self.from_file(job)?,
+            None => self.read_file(job)?,
         };
         self.change_values(&mut image.color, job)?;
         if self.r#as == Some(LoadAs::Image) {
@@ -261,7 +261,7 @@ impl Load {
         self.path.0.to_str()?.strip_prefix("synthetic:")
     }
 
-    fn from_file(&self, job: &Job<'_>) -> Result<Image, StageError> {
+    fn read_file(&self, job: &Job<'_>) -> Result<Image, StageError> {
         let name = self.path.0.file_name().unwrap_or(OsStr::new("")).to_string_lossy().into_owned();
         let decoded = formats::read(&job.read(&self.path)?, &name, &Limits::default()).map_err(StageError::content)?;
         decoded.warnings.iter().for_each(|warning| job.warn(warning));
