@@ -1,0 +1,3 @@
+//! Laws that hold on average, one module per room.
+
+mod estimators;
