@@ -3,5 +3,6 @@
 //! Slower than unit tests. One module per room; each states how many tests share its level of .001 (Šidák),
 //! and shows by controls that what it should refuse, it refuses.
 
+mod estimators;
 mod sampling;
 mod shared;

@@ -9,7 +9,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec4};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -97,8 +97,8 @@ const RUN: usize = 16;
 /// In f32, as the image is: a cosine errs by 2^-23 of the largest one.
 #[derive(Debug, Clone, Copy, Default)]
 struct Block {
-    direction: [[f32; LANES]; 3],
-    weight: [[f32; LANES]; 3],
+    direction: [Vec4; 3],
+    weight: [Vec4; 3],
 }
 
 impl WeightedDirections {
@@ -241,9 +241,9 @@ struct Sums([[[f64; LANES]; 3]; NORMALS]);
 
 impl Sums {
     fn add(&mut self, blocks: &[Block], normals: [DVec3; NORMALS]) {
-        let normals = normals.map(|normal| normal.as_vec3());
+        let normals = normals.map(|normal| normal.to_array().map(|component| Vec4::splat(component as f32)));
         for run in blocks.chunks(RUN) {
-            let sums = sums_of_run(run, &normals);
+            let sums = sums_of_run(run, &normals).map(|channels| channels.map(|lanes| lanes.to_array()));
             for (total, sum) in self.0.as_flattened_mut().as_flattened_mut().iter_mut().zip(sums.as_flattened().as_flattened()) {
                 *total += f64::from(*sum);
             }
@@ -255,19 +255,14 @@ impl Sums {
     }
 }
 
-fn sums_of_run(run: &[Block], normals: &[Vec3; NORMALS]) -> [[[f32; LANES]; 3]; NORMALS] {
-    let mut sums = [[[0.0; LANES]; 3]; NORMALS];
-    for Block { direction, weight } in run {
+/// Sums of cosine times weight; each component of a normal fills a vector.
+fn sums_of_run(run: &[Block], normals: &[[Vec4; 3]; NORMALS]) -> [[Vec4; 3]; NORMALS] {
+    let mut sums = [[Vec4::ZERO; 3]; NORMALS];
+    for Block { direction: d, weight } in run {
         for (sums, n) in sums.iter_mut().zip(normals) {
-            let mut cosines = [0.0; LANES];
-            for lane in 0..LANES {
-                let cosine = n.x * direction[0][lane] + n.y * direction[1][lane] + n.z * direction[2][lane];
-                cosines[lane] = if cosine > 0.0 { cosine } else { 0.0 };
-            }
-            for (sums, weight) in sums.iter_mut().zip(weight) {
-                for lane in 0..LANES {
-                    sums[lane] += cosines[lane] * weight[lane];
-                }
+            let cosines = (n[0] * d[0] + n[1] * d[1] + n[2] * d[2]).max(Vec4::ZERO);
+            for (sum, weight) in sums.iter_mut().zip(weight) {
+                *sum += cosines * *weight;
             }
         }
     }
