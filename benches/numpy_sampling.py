@@ -1,9 +1,9 @@
 """Times building a distribution and drawing from it: numpy against `benches/sampling.rs`, in one run on one map.
 
-    python3 benches/numpy_sampling.py [--width 4096] [--count 4000000]
+    python3 benches/numpy_sampling.py [--width 4096] [--count 4000000] [--rounds 3]
 
 Needs numpy, and cargo on the path. Building uses all cores on our side (numpy has one); drawing is compared per core,
-ours with one thread. Each figure is the best of several runs. numpy's side is the fastest of four ways to invert:
+ours with one thread. Each figure is the best of several rounds. numpy's side is the fastest of four ways to invert:
 
   marginal   searchsorted of the marginal CDF, then of row + conditional CDF laid end to end
   flat       one searchsorted in the CDF of all pixels
@@ -88,6 +88,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--width", type=int, default=4096)
     parser.add_argument("--count", type=int, default=4_000_000)
+    parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
     root = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     binary = ["cargo", "bench", "--quiet", "--manifest-path", os.path.join(root, "Cargo.toml"), "--bench", "sampling", "--"]
@@ -98,9 +99,6 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "map.f32")
         image.astype("<f4").tofile(path)
-        all_cores = ours(binary, path, image, options.count, cores)
-        one_core = ours(binary, path, image, options.count, 1)
-        numpy_build = best_seconds(5, lambda: build(image))
         tables = build(image)
         laid_out = (tables[3] + np.arange(image.shape[0])[:, None]).ravel()
         flat = np.cumsum(tables[0], dtype=np.float64)
@@ -112,7 +110,17 @@ def main():
             "flat": lambda: draw_flat(tables, options.count, rng, False),
             "flat, sorted": lambda: draw_flat(tables, options.count, rng, True),
         }
-        draws = {name: best_seconds(3, way) for name, way in ways.items()}
+        rounds = []
+        # Turn by turn, so that what else the machine does falls on all alike.
+        for _ in range(options.rounds):
+            times = {f"ours, {threads}": ours(binary, path, image, options.count, threads) for threads in (1, cores)}
+            times["numpy build"] = best_seconds(2, lambda: build(image))
+            rounds.append(times | {name: best_seconds(1, way) for name, way in ways.items()})
+
+    best = {name: min(times[name] for times in rounds) for name in ["numpy build", *ways]}
+    one_core, all_cores = ({what: min(times[f"ours, {threads}"][what] for times in rounds) for what in ("build", "draw")}
+                           for threads in (1, cores))
+    numpy_build, draws = best["numpy build"], {name: best[name] for name in ways}
 
     print(f"map {options.width} x {options.width // 2}, {options.count} samples, numpy {np.__version__}, {cores} cores")
     print(f"build: numpy {1e3 * numpy_build:.1f} ms, ours {1e3 * all_cores['build']:.1f} ms on {cores} cores"
@@ -121,8 +129,9 @@ def main():
         print(f"draw, numpy {name}: {1e9 * seconds / options.count:.0f} ns a sample")
     print(f"draw, ours on one core: {1e9 * one_core['draw'] / options.count:.0f} ns a sample"
           f" ({1e9 * all_cores['draw'] / options.count:.0f} ns on {cores})")
-    print(f"ratio build {numpy_build / all_cores['build']:.1f}, draw per core {min(draws.values()) / one_core['draw']:.1f}"
-          f" (unsorted {min(draws['marginal'], draws['flat']) / one_core['draw']:.1f})")
+    print(f"ratio build {numpy_build / all_cores['build']:.1f}, draw per core"
+          f" {min(draws['marginal'], draws['flat']) / one_core['draw']:.1f}"
+          f" (with sorted numbers {min(draws.values()) / one_core['draw']:.1f})")
 
 
 if __name__ == "__main__":

@@ -552,27 +552,28 @@ pub fn memory_of(pixel_count: u64) -> u64 {
 
 /// Intensities of one row of colors.
 fn fill_row(colors: &[[f32; 3]], settings: &Settings, row: &mut [f32]) -> RowFacts {
-    let limit = settings.clamp.unwrap_or(f32::INFINITY);
     match settings.intensity {
-        Intensity::Mean => fill_row_by(colors, limit, row, |[r, g, b]| (r + g + b) * (1.0 / 3.0)),
-        Intensity::Rec709 => fill_row_by(colors, limit, row, |[r, g, b]| 0.2126 * r + 0.7152 * g + 0.0722 * b),
-        Intensity::Max => fill_row_by(colors, limit, row, |[r, g, b]| r.max(g).max(b)),
+        Intensity::Mean => fill_row_by(colors, settings.clamp, row, |[r, g, b]| (r + g + b) * (1.0 / 3.0)),
+        Intensity::Rec709 => fill_row_by(colors, settings.clamp, row, |[r, g, b]| 0.2126 * r + 0.7152 * g + 0.0722 * b),
+        Intensity::Max => fill_row_by(colors, settings.clamp, row, |[r, g, b]| r.max(g).max(b)),
     }
 }
 
-fn fill_row_by(colors: &[[f32; 3]], limit: f32, row: &mut [f32], intensity: impl Fn([f64; 3]) -> f64) -> RowFacts {
-    let mut negative_count = 0;
-    let mut is_finite = true;
-    for (out, &[r, g, b]) in row.iter_mut().zip(colors) {
-        is_finite &= r.is_finite() & g.is_finite() & b.is_finite();
-        negative_count += u64::from((r < 0.0) | (g < 0.0) | (b < 0.0));
-        let kept = |channel: f32| {
-            let positive = if channel > 0.0 { channel } else { 0.0 };
-            f64::from(if positive < limit { positive } else { limit })
-        };
-        // In f64, where the sum of three large channels is still finite; rounded once.
-        *out = intensity([kept(r), kept(g), kept(b)]) as f32;
+fn fill_row_by(colors: &[[f32; 3]], clamp: Option<f32>, row: &mut [f32], intensity: impl Fn([f64; 3]) -> f64) -> RowFacts {
+    let channels = colors.as_flattened();
+    let is_finite = channels.iter().fold(true, |all, channel| all & channel.is_finite());
+    let has_negative = channels.iter().fold(false, |any, &channel| any | (channel < 0.0));
+    // In f64, where the sum of three large channels is still finite; rounded once. Adding 0 turns -0 into 0.
+    let rounded = |color: [f32; 3]| (intensity(color.map(f64::from)) + 0.0) as f32;
+    let limit = clamp.unwrap_or(f32::INFINITY);
+    let kept = |channel: f32| if channel > 0.0 { channel.min(limit) } else { 0.0 };
+    if has_negative || clamp.is_some() {
+        row.iter_mut().zip(colors).for_each(|(out, color)| *out = rounded(color.map(kept)));
+    } else {
+        row.iter_mut().zip(colors).for_each(|(out, color)| *out = rounded(*color));
     }
+    let is_negative = |color: &&[f32; 3]| color.iter().any(|&channel| channel < 0.0);
+    let negative_count = if has_negative { colors.iter().filter(is_negative).count() as u64 } else { 0 };
     RowFacts { sum: 0.0, negative_count, is_finite }
 }
 
