@@ -73,7 +73,8 @@ mod tests {
             let disk = Disk { center: DVec3::new(1.0, 2.0, -2.0) / 3.0, radius, radiance: [1.0, 2.0, 100.0] };
             let mut map = EnvMap::new(Raster::filled(width, width / 2, [0.0; 3]));
             disk.add_to(&mut map, |_| true);
-            let total: f64 = (0..width / 2).map(|y| map.raster.row(y).iter().map(|p| f64::from(p[2])).sum::<f64>() * map.solid_angle(y)).sum();
+            let total: f64 =
+                (0..width / 2).map(|y| map.raster.row(y).iter().map(|p| f64::from(p[2])).sum::<f64>() * map.solid_angle(y)).sum();
             let expected = 100.0 * 2.0 * PI * (1.0 - elementary::cos(radius));
             // Rounding to f32 as parts are added one by one: up to 6 * 64 of them a pixel.
             assert!((total / expected - 1.0).abs() < 2e-5, "{width}: {total} {expected}");

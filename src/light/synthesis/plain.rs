@@ -119,7 +119,8 @@ mod tests {
     fn a_constant_map_holds_four_pi_of_its_radiance() {
         let map = computed(constant([1.0, 2.0, 0.5], 64, free));
         for (channel, radiance) in [1.0, 2.0, 0.5].into_iter().enumerate() {
-            let total: f64 = (0..32).map(|y| map.raster.row(y).iter().map(|p| f64::from(p[channel])).sum::<f64>() * map.solid_angle(y)).sum();
+            let total: f64 =
+                (0..32).map(|y| map.raster.row(y).iter().map(|p| f64::from(p[channel])).sum::<f64>() * map.solid_angle(y)).sum();
             assert!((total - 4.0 * PI * radiance).abs() < 1e-12, "{total}");
         }
     }

@@ -4,8 +4,8 @@ use crate::light::envmap::EnvMap;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SunSky;
 impl SunSky {
-/// placeholder
-pub fn map<E: Send>(&self, width: usize, check: impl Fn() -> Result<(), E> + Sync) -> Result<EnvMap, E> {
-    super::plain::constant([1.0; 3], width, check)
-}
+    /// placeholder
+    pub fn map<E: Send>(&self, width: usize, check: impl Fn() -> Result<(), E> + Sync) -> Result<EnvMap, E> {
+        super::plain::constant([1.0; 3], width, check)
+    }
 }

@@ -265,7 +265,11 @@ fn above_floor(p: Vec3) -> Nearest {
     if p.x < -20.0 {
         near.add(steps(p), Part::Floor);
     }
-    if p.x < EAST { apse(p, &mut near) } else { nave(p, &mut near) }
+    if p.x < EAST {
+        apse(p, &mut near)
+    } else {
+        nave(p, &mut near)
+    }
     chancel_arch(p, &mut near);
     if p.x < -18.0 {
         altar(p, &mut near);
@@ -462,7 +466,8 @@ fn furniture(p: Vec3, out: f32, near: &mut Nearest) {
     let across = (out - 2.85).abs();
     let back = (x.abs() - 0.03).at_least((p.y - 0.62).abs() - 0.3);
     let seat = ((x + 0.2).abs() - 0.2).at_least((p.y - 0.44).abs() - 0.025);
-    let ends = ((x + 0.16).abs() - 0.26).at_least((across - 1.52).abs() - 0.035).at_least((p.y - 0.5).abs() - 0.52 + 0.6 * (x + 0.16).abs());
+    let ends =
+        ((x + 0.16).abs() - 0.26).at_least((across - 1.52).abs() - 0.035).at_least((p.y - 0.5).abs() - 0.52 + 0.6 * (x + 0.16).abs());
     near.add(back.at_most(seat).at_least(across - 1.52).at_most(ends).at_least(region), Part::Wood);
 }
 

@@ -116,11 +116,8 @@ fn medallions(window: &Window, x: f32, half_width: f32, seed: u64) -> Vec3 {
     let (i, j) = (((x + y) / 0.17).floor() as i32, ((x - y) / 0.17).floor() as i32);
     let drawn = pane(window, i, j, seed);
     let is_grisaille = window.opening == Some(building::CLERESTORY_WINDOW);
-    let color = if is_grisaille && drawn < 0.72 {
-        Vec3::new(0.56, 0.58, 0.50)
-    } else {
-        palette(if (i + j) % 2 == 0 { 0.15 } else { 0.5 * drawn })
-    };
+    let color =
+        if is_grisaille && drawn < 0.72 { Vec3::new(0.56, 0.58, 0.50) } else { palette(if (i + j) % 2 == 0 { 0.15 } else { 0.5 * drawn }) };
     color * shade(window, i, j, seed)
 }
 

@@ -38,7 +38,8 @@ pub struct Lamp {
 
 /// All lamps of the building.
 pub fn lamps() -> Vec<Lamp> {
-    let chandeliers = [-18.0, -6.0, 6.0].map(|x| Lamp { position: Vec3::new(x, building::CHANDELIER_HEIGHT + 0.25, 0.0), intensity: CHANDELIER });
+    let chandeliers =
+        [-18.0, -6.0, 6.0].map(|x| Lamp { position: Vec3::new(x, building::CHANDELIER_HEIGHT + 0.25, 0.0), intensity: CHANDELIER });
     let altar = [-1.2, 1.2].map(|z| Lamp { position: Vec3::new(-29.0, 2.35, z), intensity: 0.5 * ALTAR });
     chandeliers.into_iter().chain(altar).collect()
 }
@@ -129,10 +130,7 @@ pub fn scattered(origin: Vec3, direction: Vec3, length: f32, lamps: &[Lamp]) -> 
         let to_lamp = lamp.position - origin;
         let along = to_lamp.dot(direction);
         let beside = (to_lamp - direction * along).length().max(0.12);
-        let turn = elementary::atan2(
-            f64::from(length * beside),
-            f64::from(beside * beside - along * (length - along)),
-        );
+        let turn = elementary::atan2(f64::from(length * beside), f64::from(beside * beside - along * (length - along)));
         let angle = if turn < 0.0 { turn + std::f64::consts::TAU } else { turn };
         sum += lamp.intensity * (angle as f32 / beside);
     }
@@ -153,11 +151,8 @@ const CLERESTORY_BEAMS: Beams = Beams {
     plane: building::CLERESTORY_GLASS,
     reach: (-building::NAVE_HALF_WIDTH, building::NAVE_HALF_WIDTH),
 };
-const AISLE_BEAMS: Beams = Beams {
-    opening: building::AISLE_WINDOW,
-    plane: building::AISLE_GLASS,
-    reach: (building::NAVE_HALF_WIDTH, building::OUTER_HALF_WIDTH),
-};
+const AISLE_BEAMS: Beams =
+    Beams { opening: building::AISLE_WINDOW, plane: building::AISLE_GLASS, reach: (building::NAVE_HALF_WIDTH, building::OUTER_HALF_WIDTH) };
 
 impl Beams {
     /// Length of the parts of a ray that lie in these beams.
@@ -323,10 +318,17 @@ fn gather(position: Vec3, direction: Vec3) -> Gathered {
     let albedo = surface::mean_albedo(part);
     let normal = building::normal(point, 0.02);
     let direct = if part == Part::Glass {
-        { let window = glass::window_at(point); glass::mean_transmittance(window.opening) * daylight(&window, direction) }
+        {
+            let window = glass::window_at(point);
+            glass::mean_transmittance(window.opening) * daylight(&window, direction)
+        }
     } else {
         let cosine = normal.dot(TO_SUN);
-        if cosine > 0.0 { albedo / PI * cosine * sun(point + normal * 0.02, |window| Some(glass::mean_transmittance(window.opening))) } else { Vec3::ZERO }
+        if cosine > 0.0 {
+            albedo / PI * cosine * sun(point + normal * 0.02, |window| Some(glass::mean_transmittance(window.opening)))
+        } else {
+            Vec3::ZERO
+        }
     };
     Gathered { direction, point, normal, albedo, direct }
 }

@@ -63,7 +63,10 @@ pub fn map<E: Send>(seed: u64, width: usize, check: impl Fn() -> Result<(), E> +
     eprintln!("starts {:?}", t0.elapsed());
     let seen = by_pixel(width, &check, |x, y| interior.seen(direction_in(width, x, y, (0.0, 0.0)), start_of(&starts, width, x, y)))?;
     eprintln!("coarse {:?}", t0.elapsed());
-    eprintln!("edges {}", (0..width*width/2).filter(|i| is_edge(&seen,width,i%width,i/width)).count() as f64/(width*width/2) as f64);
+    eprintln!(
+        "edges {}",
+        (0..width * width / 2).filter(|i| is_edge(&seen, width, i % width, i / width)).count() as f64 / (width * width / 2) as f64
+    );
     let pixels = by_pixel(width, &check, |x, y| interior.refined(&seen, width, x, y).to_array())?;
     let mut map = EnvMap::new(Raster::new(width, width / 2, pixels));
     for flame in light::flames() {
