@@ -3,8 +3,8 @@
 //! Knows no image, no file and no clock. Reading order: `elementary`, `sphere`, `stream`, `noise`, `statistics`.
 
 pub mod elementary;
-pub mod single;
 pub mod noise;
+pub mod single;
 pub mod sphere;
 pub mod statistics;
 pub mod stream;

@@ -102,7 +102,21 @@ fn the_manifest_names_no_place_of_this_machine() {
     let manifest = String::from_utf8(space.read("outputs/p/manifest.json")).unwrap();
     assert!(!manifest.contains(space.path("").to_str().unwrap()), "{manifest}");
     let manifest = space.manifest();
-    for field in ["schema", "pipeline", "run_id", "result_id", "status", "spec", "overrides", "jobs", "published", "warnings", "program", "machine", "measured"] {
+    for field in [
+        "schema",
+        "pipeline",
+        "run_id",
+        "result_id",
+        "status",
+        "spec",
+        "overrides",
+        "jobs",
+        "published",
+        "warnings",
+        "program",
+        "machine",
+        "measured",
+    ] {
         assert!(!manifest[field].is_null(), "`{field}` is missing");
     }
 }

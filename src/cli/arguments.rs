@@ -1,0 +1,266 @@
+//! What can be typed.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::engine::request::{JOB_LIMIT, Request};
+use crate::engine::run::Places;
+
+/// A declarative batch pipeline for image-based lighting.
+#[derive(Debug, Parser)]
+#[command(name = "pipeline", version, disable_help_subcommand = true)]
+pub struct Arguments {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Compute what the store lacks, publish, and write the manifest
+    Run(RunCommand),
+    /// Show what would run and why
+    Plan(PlanCommand),
+    /// Show every mistake of a pipeline file
+    Check(CheckCommand),
+    /// Show what an image file holds
+    Info(InfoCommand),
+    /// Convert an image file to another format
+    Convert(ConvertCommand),
+}
+
+/// Which pipeline, and what to change in it.
+#[derive(Debug, Clone, Args)]
+pub struct PipelineArguments {
+    /// The pipeline file
+    pub file: PathBuf,
+    /// Set a parameter
+    #[arg(short = 's', long = "set", value_name = "NAME=VALUE", value_parser = pair)]
+    pub set: Vec<(String, String)>,
+    /// Set the values of an axis
+    #[arg(short = 'a', long = "axis", value_name = "AXIS=VALUE,…", value_parser = pair)]
+    pub axis: Vec<(String, String)>,
+    /// The seed of stages that set none
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    pub seed: Option<String>,
+    /// Most jobs that the axes may make
+    #[arg(long, value_name = "N", default_value_t = JOB_LIMIT)]
+    pub max_jobs: u64,
+}
+
+impl PipelineArguments {
+    /// What is asked of the engine.
+    pub fn request(&self, targets: &TargetArguments) -> Request {
+        Request {
+            file: self.file.clone(),
+            parameters: self.set.clone(),
+            axes: self.axis.clone(),
+            seed: self.seed.clone(),
+            only: targets.only.clone(),
+            force: targets.force.clone(),
+            max_jobs: self.max_jobs,
+        }
+    }
+}
+
+/// Which stages.
+#[derive(Debug, Clone, Default, Args)]
+pub struct TargetArguments {
+    /// Only this stage and what it needs: STAGE or STAGE[axis=value]
+    #[arg(long, value_name = "STAGE", allow_hyphen_values = true)]
+    pub only: Vec<String>,
+    /// Run this stage even if the store has its results
+    #[arg(long, value_name = "STAGE", allow_hyphen_values = true)]
+    pub force: Vec<String>,
+}
+
+/// Where to write.
+#[derive(Debug, Clone, Args)]
+pub struct PlaceArguments {
+    /// Folder of published files and manifests
+    #[arg(long, value_name = "DIR", env = "PIPELINE_OUTPUTS", default_value = "outputs")]
+    pub outputs: PathBuf,
+    /// Folder of the store [default: .store in the folder of outputs]
+    #[arg(long, value_name = "DIR", env = "PIPELINE_STORE")]
+    pub store: Option<PathBuf>,
+}
+
+impl PlaceArguments {
+    /// The folders.
+    pub fn places(&self) -> Places {
+        let store = self.store.clone().unwrap_or_else(|| self.outputs.join(".store"));
+        Places { outputs: self.outputs.clone(), store }
+    }
+}
+
+/// How much to say.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct TalkArguments {
+    /// Say nothing but errors
+    #[arg(short, long, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Say more
+    #[arg(short, long)]
+    pub verbose: bool,
+}
+
+/// Arguments of `run`.
+#[derive(Debug, Args)]
+pub struct RunCommand {
+    /// Which pipeline.
+    #[command(flatten)]
+    pub pipeline: PipelineArguments,
+    /// Which stages.
+    #[command(flatten)]
+    pub targets: TargetArguments,
+    /// Where to write.
+    #[command(flatten)]
+    pub places: PlaceArguments,
+    /// How much to say.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// Threads; 0 for one per processor
+    #[arg(short, long, value_name = "N", default_value_t = 0)]
+    pub jobs: usize,
+    /// Memory that jobs may take, as 512MiB, 4GiB or 50% [default: 80%]
+    #[arg(long, value_name = "SIZE", value_parser = super::machine::memory_size)]
+    pub memory: Option<u64>,
+    /// Run what does not depend on a failed job
+    #[arg(short, long)]
+    pub keep_going: bool,
+    /// Show what would run and why, and run nothing
+    #[arg(short = 'n', long)]
+    pub dry_run: bool,
+    /// Write what happens to a file, one JSON object a line
+    #[arg(long, value_name = "FILE")]
+    pub events: Option<PathBuf>,
+    /// Form of the results and of errors on stdout
+    #[arg(long, value_enum, default_value_t)]
+    pub format: PlanFormat,
+}
+
+impl RunCommand {
+    /// The plan of the same run.
+    pub fn as_plan(&self) -> PlanCommand {
+        PlanCommand {
+            pipeline: self.pipeline.clone(),
+            targets: self.targets.clone(),
+            places: self.places.clone(),
+            talk: self.talk,
+            format: self.format,
+        }
+    }
+
+    /// Threads to use.
+    pub fn threads(&self) -> NonZeroUsize {
+        let all = || std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+        NonZeroUsize::new(self.jobs).unwrap_or_else(all)
+    }
+}
+
+/// Arguments of `plan`.
+#[derive(Debug, Args)]
+pub struct PlanCommand {
+    /// Which pipeline.
+    #[command(flatten)]
+    pub pipeline: PipelineArguments,
+    /// Which stages.
+    #[command(flatten)]
+    pub targets: TargetArguments,
+    /// Where earlier runs wrote.
+    #[command(flatten)]
+    pub places: PlaceArguments,
+    /// How much to say.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// Form of the plan
+    #[arg(long, value_enum, default_value_t)]
+    pub format: PlanFormat,
+}
+
+/// Form of a plan.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum PlanFormat {
+    /// For people: a line per stage, with -v one per job
+    #[default]
+    Text,
+    /// For programs
+    Json,
+    /// Graphviz, a node per stage, with -v one per job (of a plan)
+    Dot,
+    /// Mermaid, likewise (of a plan)
+    Mermaid,
+}
+
+/// Arguments of `check`.
+#[derive(Debug, Args)]
+pub struct CheckCommand {
+    /// Which pipeline.
+    #[command(flatten)]
+    pub pipeline: PipelineArguments,
+    /// Which stages.
+    #[command(flatten)]
+    pub targets: TargetArguments,
+    /// Form of the messages
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Form of an answer.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// For people
+    #[default]
+    Text,
+    /// For programs
+    Json,
+}
+
+/// Arguments of `info`.
+#[derive(Debug, Args)]
+pub struct InfoCommand {
+    /// The image file
+    pub file: PathBuf,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `convert`.
+#[derive(Debug, Args)]
+pub struct ConvertCommand {
+    /// The image file to read; its format is found by its content
+    pub input: PathBuf,
+    /// The image file to write; its extension names the format
+    pub output: PathBuf,
+}
+
+/// `name=value`, the value being anything.
+fn pair(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.is_empty() => Ok((name.to_owned(), value.to_owned())),
+        _ => Err("write NAME=VALUE".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_definitions_agree_with_each_other() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn a_pair_is_cut_at_the_first_sign() {
+        assert_eq!(pair("a=b=c"), Ok(("a".into(), "b=c".into())));
+        assert_eq!(pair("n="), Ok(("n".into(), String::new())));
+        assert!(pair("map").is_err() && pair("=x").is_err());
+    }
+}

@@ -1,0 +1,143 @@
+//! What a person sees while jobs run: bars on a terminal, else a line per finished job.
+//!
+//! The bars belong to one thread that looks at shared numbers ten times a second; nothing that computes
+//! ever waits for a terminal.
+
+use std::num::NonZeroUsize;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use super::arguments::TalkArguments;
+use super::screen::Screen;
+use crate::engine::diagnostic::escape;
+use crate::engine::events::Event;
+use crate::engine::manifest::Outcome;
+
+/// Time between two looks at the numbers.
+const REFRESH: Duration = Duration::from_millis(100);
+
+/// Shows how a run goes on.
+pub struct Progress {
+    screen: Screen,
+    talk: TalkArguments,
+    threads: NonZeroUsize,
+    board: Arc<Mutex<Board>>,
+    is_over: Arc<AtomicBool>,
+    painter: Option<JoinHandle<()>>,
+}
+
+/// The numbers that the bars show.
+#[derive(Default)]
+struct Board {
+    done: usize,
+    total: usize,
+    running: Vec<RunningJob>,
+}
+
+struct RunningJob {
+    name: String,
+    permille: Arc<AtomicU32>,
+    since: Instant,
+}
+
+impl Progress {
+    /// Shows nothing yet; on a terminal bars come with the first job that runs.
+    pub fn new(screen: &Screen, talk: TalkArguments, threads: NonZeroUsize) -> Self {
+        Self { screen: *screen, talk, threads, board: Arc::default(), is_over: Arc::default(), painter: None }
+    }
+
+    /// Takes an event in.
+    pub fn notify(&mut self, event: &Event) {
+        if self.talk.quiet {
+            return;
+        }
+        match event {
+            Event::Planned { jobs, hits } => {
+                let mut board = self.board.lock().expect(NO_PANIC);
+                (board.total, board.done) = (*jobs, 0);
+                drop(board);
+                if self.talk.verbose {
+                    self.screen.say(&format!("{jobs} jobs, {hits} of them in the store\n"));
+                }
+            }
+            Event::Started { job, progress, .. } => {
+                let running = RunningJob { name: job.clone(), permille: progress.clone(), since: Instant::now() };
+                self.board.lock().expect(NO_PANIC).running.push(running);
+                if self.screen.is_terminal && self.painter.is_none() {
+                    self.start_painter();
+                }
+            }
+            Event::Finished { job, outcome, reason, seconds, done, total, .. } => {
+                let mut board = self.board.lock().expect(NO_PANIC);
+                board.done = *done;
+                board.running.retain(|running| running.name != *job);
+                drop(board);
+                self.line(job, *outcome, reason, *seconds, (*done, *total));
+            }
+            Event::Published { .. } | Event::Warning { .. } | Event::Ended { .. } => {}
+        }
+    }
+
+    /// A line for a job that did something; for all jobs if more is to be said.
+    fn line(&self, job: &str, outcome: Outcome, reason: &str, seconds: f64, (done, total): (usize, usize)) {
+        let is_shown = if self.screen.is_terminal { self.talk.verbose && self.painter.is_none() } else { outcome != Outcome::Hit };
+        if !is_shown && !(self.talk.verbose && !self.screen.is_terminal) {
+            return;
+        }
+        let time = if outcome == Outcome::Ran { format!("  {seconds:.2} s") } else { String::new() };
+        let why = if self.talk.verbose && !reason.is_empty() { format!("  ({})", escape(reason)) } else { String::new() };
+        self.screen.say(&format!("[{done}/{total}] {:4} {}{time}{why}\n", outcome.word(), escape(job)));
+    }
+
+    fn start_painter(&mut self) {
+        let (board, is_over, rows) = (self.board.clone(), self.is_over.clone(), self.threads.get().min(MOST_ROWS));
+        let thread = std::thread::Builder::new().name("progress".into()).spawn(move || paint(&board, &is_over, rows));
+        self.painter = thread.ok();
+    }
+
+    /// Takes the bars away.
+    pub fn end(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        if let Some(painter) = self.painter.take() {
+            let _ = painter.join();
+        }
+    }
+}
+
+const NO_PANIC: &str = "no one panics while holding the board";
+
+/// More rows than this are no help.
+const MOST_ROWS: usize = 8;
+
+fn paint(board: &Mutex<Board>, is_over: &AtomicBool, rows: usize) {
+    let bars = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(20));
+    let overall_style = ProgressStyle::with_template("[{pos}/{len}] {wide_bar} {elapsed} (still {eta})").expect("the template is right");
+    let row_style = ProgressStyle::with_template("  {wide_msg}").expect("the template is right");
+    let overall = bars.add(ProgressBar::new(0).with_style(overall_style));
+    let lines: Vec<ProgressBar> = (0..rows).map(|_| bars.add(ProgressBar::new_spinner().with_style(row_style.clone()))).collect();
+    while !is_over.load(Ordering::Relaxed) {
+        let (done, total, texts) = {
+            let board = board.lock().expect(NO_PANIC);
+            (board.done, board.total, board.running.iter().map(row_text).collect::<Vec<_>>())
+        };
+        overall.set_length(total as u64);
+        overall.set_position(done as u64);
+        overall.tick();
+        for (index, line) in lines.iter().enumerate() {
+            line.set_message(texts.get(index).cloned().unwrap_or_default());
+            line.tick();
+        }
+        std::thread::sleep(REFRESH);
+    }
+    let _ = bars.clear();
+}
+
+fn row_text(job: &RunningJob) -> String {
+    let permille = job.permille.load(Ordering::Relaxed);
+    let percent = if permille > 0 { format!("  {} %", permille / 10) } else { String::new() };
+    format!("{}{percent}  {:.0} s", escape(&job.name), job.since.elapsed().as_secs_f64())
+}

@@ -1,0 +1,51 @@
+//! SIGINT and SIGTERM: the first asks the run to end, the second ends the process.
+//!
+//! A thread waits for the signals, which all others leave to it; so nothing ever runs inside a signal handler.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+
+use nix::sys::signal::{SigSet, Signal};
+
+use super::Ending;
+
+/// What a run and the thread that waits for signals share.
+#[derive(Debug, Clone, Default)]
+pub struct Interrupt {
+    /// Set when the run is to end.
+    pub flag: Arc<AtomicBool>,
+    /// Set while there is something to end in good order.
+    pub is_running: Arc<AtomicBool>,
+    signal: Arc<AtomicU8>,
+}
+
+impl Interrupt {
+    /// From now on signals are taken note of. To be called before any other thread starts.
+    pub fn listen() -> Self {
+        let interrupt = Self::default();
+        let signals: SigSet = [Signal::SIGINT, Signal::SIGTERM].into_iter().collect();
+        if signals.thread_block().is_ok() {
+            let listener = interrupt.clone();
+            let thread = std::thread::Builder::new().name("signals".into()).spawn(move || listener.wait_for(&signals));
+            thread.expect("the system gives a thread");
+        }
+        interrupt
+    }
+
+    fn wait_for(&self, signals: &SigSet) {
+        while let Ok(signal) = signals.wait() {
+            let number = signal as i32 as u8;
+            self.signal.store(number, Ordering::Relaxed);
+            let is_second = self.flag.swap(true, Ordering::Relaxed);
+            // Before the first job nothing was written, so that there is nothing to end in good order.
+            if is_second || !self.is_running.load(Ordering::Relaxed) {
+                std::process::exit(i32::from(Ending::Interrupted(number).code()));
+            }
+        }
+    }
+
+    /// How an interrupted run ends.
+    pub fn ending(&self) -> Ending {
+        Ending::Interrupted(self.signal.load(Ordering::Relaxed))
+    }
+}
