@@ -198,7 +198,7 @@ fn own_y(chart: &Chart) -> Vec<f64> {
 /// How many labels have room along a side of that height.
 fn label_count(span: Span, height: f64) -> f64 {
     match span.scale {
-        Scale::Linear => height / 28.0,
+        Scale::Linear => height / 22.0,
         Scale::Logarithmic => height / 16.0,
     }
 }
@@ -210,10 +210,10 @@ fn x_labels(chart: &Chart, ticks: &Ticks, width: f64) -> (Vec<Vec<String>>, f64)
     if chart.x.categories.is_empty() {
         return (ticks.major.iter().map(|tick| vec![tick.label.clone()]).collect(), TICK_SIZE);
     }
-    let share = (width / chart.x.categories.len() as f64 - 5.0).max(TICK_SIZE);
-    let words = || ticks.major.iter().flat_map(|tick| tick.label.split_whitespace()).flat_map(|word| word.split_inclusive('-'));
+    let share = (width / chart.x.categories.len() as f64 - 3.0).max(TICK_SIZE);
+    let words = || ticks.major.iter().flat_map(|tick| tick.label.split_ascii_whitespace()).flat_map(|word| word.split_inclusive('-'));
     let widest = words().map(|word| text::width(word, TICK_SIZE)).fold(0.0, f64::max);
-    let size = TICK_SIZE * (share / widest.max(share)).max(0.7);
+    let size = TICK_SIZE * (share / widest.max(share)).max(0.62);
     (ticks.major.iter().map(|tick| text::wrapped(&tick.label, size, share)).collect(), size)
 }
 
@@ -639,7 +639,14 @@ fn draw_x_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) -> f64 {
         for (index, line) in lines.iter().enumerate() {
             let half = text::width(line, page.x_label_size) / 2.0;
             let x = x.min(page.size[0] - BORDER - half).max(BORDER + half);
-            write(canvas, line, [x, first_baseline + index as f64 * line_height(TICK_SIZE)], Anchor::Middle, page.x_label_size, BLACK);
+            write(
+                canvas,
+                line,
+                [x, first_baseline + index as f64 * line_height(page.x_label_size)],
+                Anchor::Middle,
+                page.x_label_size,
+                BLACK,
+            );
         }
     }
     let under_ticks = bottom + TICK_LENGTH + 2.0 + numbers_height(&page.x_labels);
@@ -732,4 +739,105 @@ fn write(canvas: &mut Canvas, line: &str, position: [f64; 2], anchor: Anchor, si
 
 fn write_turned(canvas: &mut Canvas, line: &str, position: [f64; 2], size: f64) {
     canvas.text(Label { text: line.into(), position, anchor: Anchor::Middle, size, is_turned: true, ink: BLACK });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figure::canvas::Mark;
+
+    fn axis(label: &str, scale: Scale) -> Axis {
+        Axis { label: label.into(), unit: String::new(), scale, range: None, categories: Vec::new() }
+    }
+
+    fn curve(index: usize, label: &str) -> Curve {
+        let points = (4..13).map(|k| Point {
+            x: f64::from(1 << k),
+            y: (index + 1) as f64 / f64::from(1 << k),
+            interval: Some([1e-9, 2.0]),
+            count: 16,
+        });
+        let interval = IntervalLook::Whiskers;
+        Curve { label: label.into(), look: Look::Line, hue: index, dash: 0, points: points.collect(), interval, fit: None }
+    }
+
+    fn crowded(size_mm: [f64; 2], label: &str) -> Chart {
+        let at = |at: f64| Guide { axis: GuideAxis::X, at, label: format!("Brewster {at}° of a material with a name") };
+        Chart {
+            title: "A title that is so long that it needs more than one line on any paper of a usual size".into(),
+            size_mm,
+            x: axis("number of samples per pixel and light", Scale::Logarithmic),
+            y: axis("root mean square error over the whole sphere, alpha excluded", Scale::Logarithmic),
+            curves: (0..6).map(|index| curve(index, label)).collect(),
+            guides: vec![at(54.0), at(55.0), at(56.0), at(3000.0)],
+            heat: None,
+            notes: vec!["Each point is the mean of n = 16 values; bars show the 95 % interval (Student t).".into()],
+        }
+    }
+
+    /// Left, top, right and bottom of a line of text.
+    fn bounds(label: &Label) -> [f64; 4] {
+        let width = text::width(&label.text, label.size);
+        let start = match label.anchor {
+            Anchor::Start => 0.0,
+            Anchor::Middle => -width / 2.0,
+            Anchor::End => -width,
+        };
+        let [x, y] = label.position;
+        let (ascent, descent) = (CAPITAL_HEIGHT * label.size, 0.0);
+        if label.is_turned {
+            [x - ascent, y - start - width, x + descent, y - start]
+        } else {
+            [x + start, y - ascent, x + start + width, y + descent]
+        }
+    }
+
+    fn labels(canvas: &Canvas) -> Vec<[f64; 4]> {
+        canvas.marks.iter().filter_map(|mark| if let Mark::Text(label) = mark { Some(bounds(label)) } else { None }).collect()
+    }
+
+    #[test]
+    fn no_text_is_clipped_or_lies_on_another_whatever_the_size() {
+        for size in [[80.0, 50.0], [120.0, 80.0], [200.0, 60.0]] {
+            for label in ["uniform", "rows-then-columns with a long description that cannot stand beside the frame"] {
+                let canvas = canvas(&crowded(size, label));
+                let labels = labels(&canvas);
+                for (index, a) in labels.iter().enumerate() {
+                    let is_inside = a[0] >= 0.0 && a[1] >= 0.0 && a[2] <= canvas.width && a[3] <= canvas.height;
+                    assert!(is_inside, "{size:?} {label}: {a:?}");
+                    for b in &labels[index + 1..] {
+                        let is_apart = a[2] <= b[0] || b[2] <= a[0] || a[3] <= b[1] || b[3] <= a[1];
+                        assert!(is_apart, "{size:?} {label}: {a:?} {b:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_mark_is_finite_and_data_stay_within_the_page() {
+        let mut chart = crowded([120.0, 80.0], "uniform");
+        chart.x.range = Some([100.0, 1000.0]);
+        chart.y.range = Some([1e-3, 1e-2]);
+        let canvas = canvas(&chart);
+        for mark in &canvas.marks {
+            let points = match mark {
+                Mark::Stroke { points, .. } | Mark::Area { points, .. } => points.clone(),
+                Mark::Disk { center, .. } => vec![*center],
+                Mark::Text(label) => vec![label.position],
+            };
+            let is_inside = |[x, y]: &[f64; 2]| (0.0..=canvas.width).contains(x) && (0.0..=canvas.height).contains(y);
+            assert!(points.iter().all(is_inside), "{mark:?}");
+        }
+    }
+
+    #[test]
+    fn the_legend_lies_outside_the_frame() {
+        let chart = crowded([120.0, 80.0], "uniform");
+        let page = Page::of(&chart);
+        let text = |mark: &Mark| if let Mark::Text(label) = mark { Some(label.clone()) } else { None };
+        let entries: Vec<Label> = canvas(&chart).marks.iter().filter_map(text).filter(|label| label.text == "uniform").collect();
+        assert_eq!(entries.len(), 6);
+        assert!(entries.iter().all(|label| !page.frame.contains(label.position)));
+    }
 }
