@@ -19,7 +19,7 @@ use crate::figure::bitmap::Bitmap;
 use crate::figure::curves::value_label;
 use crate::figure::sheet::{self, Sheet};
 use crate::figure::table::{Cell, Column};
-use crate::formats::display;
+use crate::image::display;
 use crate::image::raster::{Image, Picture};
 use crate::light::envmap::EnvMap;
 
