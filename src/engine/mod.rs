@@ -14,6 +14,7 @@ pub mod freshness;
 pub mod graph;
 pub mod job;
 pub mod manifest;
+pub mod manual;
 pub mod parameter;
 pub mod publish;
 pub mod reference;
