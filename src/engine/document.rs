@@ -52,7 +52,7 @@ const TOP_KEYS: [&str; 7] = ["version", "pipeline", "seed", "params", "axes", "s
 const INCLUDED_KEYS: [&str; 5] = ["version", "params", "axes", "stages", "include"];
 const STAGE_KEYS: [&str; 3] = ["save", "exclude", "about"];
 /// Deepest chain of includes.
-const INCLUDE_LIMIT: usize = 32;
+const INCLUDE_LIMIT: usize = 128;
 
 /// Reads a pipeline file and what it includes. `None` where nothing can be said beyond the findings.
 pub fn read<'r>(registry: &'r Registry, file: &Path, sources: &mut Sources, findings: &mut Findings) -> Option<Document<'r>> {

@@ -17,6 +17,7 @@ pub mod history;
 pub mod job;
 pub mod key;
 pub mod manifest;
+pub mod manual;
 pub mod parameter;
 pub mod publish;
 pub mod reference;

@@ -185,7 +185,8 @@ pub fn value_label(column: &Column, cell: &Cell, names: &BTreeMap<String, String
         _ if names.contains_key(&text) => names.get(&text).cloned(),
         Cell::Text(_) => Some(text),
         Cell::Boolean(_) | Cell::Integer(_) | Cell::Number(_) => {
-            Some(format!("{} = {}{}", column_label(column, names), text.replace('-', "−"), unit_sign(&column.unit)))
+            // Spaces that do not break keep name and value on one line.
+            Some(format!("{}\u{a0}=\u{a0}{}{}", column_label(column, names), text.replace('-', "−"), unit_sign(&column.unit)))
         }
     }
 }
@@ -560,5 +561,148 @@ fn note_hidden(chart: &mut Chart) {
     if hidden > 0 {
         let points = if hidden == 1 { "point is" } else { "points are" };
         chart.notes.push(format!("{hidden} {points} at or below 0 and not shown on a logarithmic axis."));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figure::table::{Part, collect};
+
+    fn request(x: &str, y: &[&str]) -> Request {
+        Request {
+            form: Form::Curve(Look::Line),
+            x: x.into(),
+            y: y.iter().map(|name| (*name).into()).collect(),
+            value: None,
+            series: Vec::new(),
+            repeat: None,
+            level: 0.95,
+            interval: IntervalLook::Whiskers,
+            fit: None,
+            scales: [Scale::Linear; 3],
+            names: BTreeMap::new(),
+            title: String::new(),
+            labels: [None, None, None],
+            ranges: [None, None],
+            bins: None,
+            size_mm: [120.0, 80.0],
+        }
+    }
+
+    fn one(value: f64) -> Table {
+        let mut table = Table::new(vec![Column::new("rmse", "")]);
+        table.push(vec![Cell::Number(value)]);
+        table
+    }
+
+    /// The error of two methods at three counts in four runs, and a floor without any axis.
+    fn sweep() -> Collection {
+        let mut tables = Vec::new();
+        for (method, slope) in [("iid", -0.5), ("rows", -0.25)] {
+            for n in [256_i128, 16, 64] {
+                for run in 0..4_i128 {
+                    let axes: Vec<(String, Cell)> = vec![
+                        ("method".into(), Cell::Text(method.into())),
+                        ("n".into(), Cell::Integer(n)),
+                        ("run".into(), Cell::Integer(run)),
+                    ];
+                    tables.push(("error", axes, one(elementary::pow(n as f64, slope) * (1.0 + 0.1 * (run as f64 - 1.5)))));
+                }
+            }
+        }
+        tables.push(("floor", Vec::new(), one(0.01)));
+        let parts: Vec<Part<'_>> = tables.iter().map(|(label, axes, table)| Part { label, axes, table }).collect();
+        collect(&parts).unwrap()
+    }
+
+    fn swept() -> Request {
+        let (series, repeat) = (vec!["method".into()], Some("run".into()));
+        Request { series, repeat, scales: [Scale::Logarithmic; 3], fit: Some([0.0, f64::INFINITY]), ..request("n", &["rmse"]) }
+    }
+
+    #[test]
+    fn repetitions_become_means_with_intervals_counts_and_slopes() {
+        let chart = chart(&sweep(), &swept()).unwrap();
+        assert_eq!(chart.curves.iter().map(|curve| curve.label.as_str()).collect::<Vec<_>>(), ["iid", "rows", "floor"]);
+        let iid = &chart.curves[0];
+        assert_eq!(iid.points.iter().map(|point| point.x).collect::<Vec<_>>(), [16.0, 64.0, 256.0]);
+        assert!(iid.points.iter().all(|point| point.count == 4));
+        assert!((iid.points[0].y - 0.25).abs() < 1e-15);
+        // s = 0.25 x 0.1 sqrt(5/3), t(0.975, 3) = 3.182446.
+        let half = 3.182_446_305 * 0.25 * 0.1 * (5.0_f64 / 3.0).sqrt() / 2.0;
+        assert!((iid.points[0].interval.unwrap()[1] - 0.25 - half).abs() < 1e-9);
+        assert!((iid.fit.unwrap().slope + 0.5).abs() < 1e-12);
+        assert!((chart.curves[1].fit.unwrap().slope + 0.25).abs() < 1e-12);
+        assert_eq!(chart.notes, ["Each point is the mean of n = 4 values over run; error bars show the 95 % interval (Student t)."]);
+    }
+
+    #[test]
+    fn a_row_without_x_holds_for_all_x() {
+        let chart = chart(&sweep(), &swept()).unwrap();
+        let floor = chart.curves.last().unwrap();
+        assert_eq!((floor.look, floor.points[0].y), (Look::Level, 0.01));
+    }
+
+    #[test]
+    fn an_axis_that_was_forgotten_is_told() {
+        let forgotten = Request { series: Vec::new(), ..swept() };
+        let error = chart(&sweep(), &forgotten).unwrap_err();
+        assert!(matches!(&error, CurveError::RepeatedTwice { x, .. } if x == "16"), "{error}");
+    }
+
+    #[test]
+    fn a_missing_column_is_named_with_those_there_are() {
+        let error = chart(&sweep(), &request("n", &["rsme"])).unwrap_err();
+        assert_eq!(error.to_string(), "no column `rsme`; there are `stage`, `method`, `n`, `run`, `rmse`");
+    }
+
+    #[test]
+    fn text_cannot_be_drawn_upwards_but_stands_side_by_side_across() {
+        assert!(matches!(chart(&sweep(), &request("n", &["method"])), Err(CurveError::NotNumbers { .. })));
+        let bars =
+            Request { form: Form::Curve(Look::Bars), series: vec!["n".into()], repeat: Some("run".into()), ..request("method", &["rmse"]) };
+        let chart = chart(&sweep(), &bars).unwrap();
+        assert_eq!(chart.x.categories, ["iid", "rows"]);
+        assert_eq!(chart.curves[0].label, "n\u{a0}=\u{a0}256");
+    }
+
+    #[test]
+    fn a_histogram_counts_every_value_once() {
+        let histogram = Request { form: Form::Histogram, bins: Some(7), ..request("rmse", &[]) };
+        let chart = chart(&sweep(), &histogram).unwrap();
+        let count: f64 = chart.curves.iter().map(|curve| curve.points[..7].iter().map(|point| point.y).sum::<f64>()).sum();
+        assert_eq!(count, 25.0);
+    }
+
+    #[test]
+    fn a_heat_map_has_a_mean_for_each_cell_and_refuses_two_values() {
+        let heat = Request { form: Form::HeatMap, value: Some("rmse".into()), repeat: Some("run".into()), ..request("n", &["method"]) };
+        let map = chart(&sweep(), &heat).unwrap().heat.unwrap();
+        assert_eq!((map.x_values.as_slice(), map.values.len()), (&[16.0, 64.0, 256.0][..], 6));
+        assert!((map.values[0].unwrap() - 0.25).abs() < 1e-15);
+        assert!(matches!(chart(&sweep(), &Request { repeat: None, ..heat }), Err(CurveError::CellTwice { .. })));
+    }
+
+    #[test]
+    fn guide_lines_carry_their_value_and_what_tells_them_apart() {
+        let mut angles = Table::new(vec![Column::new("eta", ""), Column::new("brewster_deg", "deg")]);
+        for eta in [1.4, 1.45] {
+            angles.push(vec![Cell::Number(eta), Cell::Number(elementary::atan(eta).to_degrees())]);
+        }
+        let guides = guides(&angles, &["brewster_deg".into()], GuideAxis::X, &BTreeMap::new()).unwrap();
+        assert_eq!(guides[0].label, "Brewster 54.46° (eta\u{a0}=\u{a0}1.4)");
+        assert_eq!(guides[1].label, "Brewster 55.41° (eta\u{a0}=\u{a0}1.45)");
+    }
+
+    #[test]
+    fn what_a_logarithmic_axis_hides_is_said() {
+        let mut table = one(0.0);
+        table.push(vec![Cell::Number(2.0)]);
+        table.push(vec![Cell::Number(f64::NAN)]);
+        let collection = collect(&[Part { label: "a", axes: &[], table: &table }]).unwrap();
+        let logarithmic = Request { scales: [Scale::Logarithmic; 3], ..request("rmse", &["rmse"]) };
+        let notes = chart(&collection, &logarithmic).unwrap().notes;
+        assert_eq!(notes, ["1 value is not finite and not shown.", "1 point is at or below 0 and not shown on a logarithmic axis."]);
     }
 }

@@ -84,7 +84,9 @@ struct PlacedGuide<'a> {
     guide: &'a Guide,
     /// Number of the line of text above the frame, from below.
     row: usize,
-    anchor: Anchor,
+    /// Left end of its label.
+    start: f64,
+    size: f64,
 }
 
 /// Everything that is measured before something is drawn.
@@ -99,6 +101,8 @@ struct Page<'a> {
     x_labels: Vec<Vec<String>>,
     x_label_size: f64,
     y_ticks: Ticks,
+    /// The lines of the label at the left.
+    y_title: Vec<String>,
     guides: Vec<PlacedGuide<'a>>,
     /// Left edge of what stands right of the frame: names of level guides, the color bar, the legend.
     beside: f64,
@@ -124,7 +128,10 @@ impl<'a> Page<'a> {
         let least_height = LEAST_FRAME_HEIGHT.max(LEAST_FRAME_SHARE * paper_height);
         let tentative = (paper_height - above - under_numbers - line_height(TICK_SIZE)).max(least_height);
         let y_ticks = axis::ticks(&chart.y, y, label_count(y, tentative), &own_y(chart));
-        let left = BORDER + line_height(LABEL_SIZE) + GAP + widest(&y_ticks.major, TICK_SIZE) + 2.0 + TICK_LENGTH;
+        // The frame is at least that high, so the label stays beside it.
+        let y_title = text::wrapped(&axis::title(&chart.y, y_ticks.exponent), LABEL_SIZE, least_height);
+        let left =
+            BORDER + y_title.len().max(1) as f64 * line_height(LABEL_SIZE) + GAP + widest(&y_ticks.major, TICK_SIZE) + 2.0 + TICK_LENGTH;
         let color_ticks = chart.heat.as_ref().map(|heat| color_ticks(heat, tentative)).unwrap_or_default();
         let beside_width = beside_width(chart, &color_ticks) + legend.width_beside();
         let room = width - left - BORDER - beside_width;
@@ -140,7 +147,21 @@ impl<'a> Page<'a> {
         let height = paper_height.max(top + below + least_height.max(legend.least_frame_height()));
         let frame = Frame { low: [left, top], high: [right, height - below], x, y };
         let beside = right + 2.0 * GAP;
-        Self { size: [width, height], title, notes, legend, beside, frame, x_ticks, x_labels, x_label_size, y_ticks, guides, color_ticks }
+        Self {
+            size: [width, height],
+            title,
+            notes,
+            legend,
+            beside,
+            frame,
+            x_ticks,
+            x_labels,
+            x_label_size,
+            y_ticks,
+            y_title,
+            guides,
+            color_ticks,
+        }
     }
 }
 
@@ -198,7 +219,7 @@ fn own_y(chart: &Chart) -> Vec<f64> {
 /// How many labels have room along a side of that height.
 fn label_count(span: Span, height: f64) -> f64 {
     match span.scale {
-        Scale::Linear => height / 28.0,
+        Scale::Linear => height / 22.0,
         Scale::Logarithmic => height / 16.0,
     }
 }
@@ -210,10 +231,10 @@ fn x_labels(chart: &Chart, ticks: &Ticks, width: f64) -> (Vec<Vec<String>>, f64)
     if chart.x.categories.is_empty() {
         return (ticks.major.iter().map(|tick| vec![tick.label.clone()]).collect(), TICK_SIZE);
     }
-    let share = (width / chart.x.categories.len() as f64 - 5.0).max(TICK_SIZE);
-    let words = || ticks.major.iter().flat_map(|tick| tick.label.split_whitespace()).flat_map(|word| word.split_inclusive('-'));
+    let share = (width / chart.x.categories.len() as f64 - 3.0).max(TICK_SIZE);
+    let words = || ticks.major.iter().flat_map(|tick| tick.label.split_ascii_whitespace()).flat_map(|word| word.split_inclusive('-'));
     let widest = words().map(|word| text::width(word, TICK_SIZE)).fold(0.0, f64::max);
-    let size = TICK_SIZE * (share / widest.max(share)).max(0.7);
+    let size = TICK_SIZE * (share / widest.max(share)).max(0.62);
     (ticks.major.iter().map(|tick| text::wrapped(&tick.label, size, share)).collect(), size)
 }
 
@@ -270,12 +291,19 @@ fn placed_guides(chart: &Chart, x: Span, left: f64, right: f64, width: f64) -> V
     if overflows {
         guides.reverse();
     }
-    let (anchor, sign) = if overflows { (Anchor::End, -1.0) } else { (Anchor::Start, 1.0) };
     let mut placed: Vec<PlacedGuide<'_>> = Vec::new();
     for guide in guides {
-        let end = sign * place(guide) + text::width(&guide.label, TICK_SIZE) + 2.0 * GAP;
-        let under = placed.iter().filter(|other| end > sign * place(other.guide)).map(|other| other.row + 1).max();
-        placed.push(PlacedGuide { guide, row: under.unwrap_or(0), anchor });
+        let size = fitting_size(&guide.label, TICK_SIZE, width - 2.0 * BORDER);
+        let (x, length) = (place(guide), text::width(&guide.label, size));
+        let wanted = if overflows { x - 2.5 - length } else { x + 2.5 };
+        let start = wanted.min(width - BORDER - length).max(BORDER);
+        // It goes above every label that it would touch and above every leader that it would cross.
+        let touches = |other: &&PlacedGuide<'_>| {
+            let (leader, end) = (place(other.guide), other.start + text::width(&other.guide.label, other.size));
+            start < leader.max(end) + 2.0 * GAP && leader.min(other.start) - 2.0 * GAP < start + length
+        };
+        let under = placed.iter().filter(touches).map(|other| other.row + 1).max();
+        placed.push(PlacedGuide { guide, row: under.unwrap_or(0), start, size });
     }
     placed
 }
@@ -397,17 +425,13 @@ fn draw_frame(canvas: &mut Canvas, frame: &Frame) {
 
 fn draw_guides(canvas: &mut Canvas, page: &Page<'_>) {
     let frame = &page.frame;
-    for PlacedGuide { guide, row, anchor } in &page.guides {
+    for PlacedGuide { guide, row, start, size } in &page.guides {
         let x = frame.at_x(guide.at);
         let baseline = frame.low[1] - 4.0 - *row as f64 * line_height(TICK_SIZE);
         let top = baseline - CAPITAL_HEIGHT * TICK_SIZE;
         canvas.dashed(vec![[x, frame.high[1]], [x, frame.low[1]]], palette::dashes(1), 0.8, GREY);
         canvas.stroke(vec![[x, frame.low[1]], [x, top]], 0.6, GREY);
-        let size = fitting_size(&guide.label, TICK_SIZE, page.size[0] - 2.0 * BORDER);
-        let width = text::width(&guide.label, size);
-        let start = if *anchor == Anchor::Start { x + 2.5 } else { x - 2.5 - width };
-        let start = start.min(page.size[0] - BORDER - width).max(BORDER);
-        write(canvas, &guide.label, [start, baseline], Anchor::Start, size, BLACK);
+        write(canvas, &guide.label, [*start, baseline], Anchor::Start, *size, BLACK);
     }
 }
 
@@ -615,7 +639,7 @@ fn draw_texts(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
         top += line_height(TITLE_SIZE);
     }
     let bottom = draw_x_labels(canvas, chart, page);
-    draw_y_labels(canvas, chart, page);
+    draw_y_labels(canvas, page);
     draw_legend(canvas, chart, page, bottom);
     let notes_top = page.size[1] - BORDER - lines_height(&page.notes, NOTE_SIZE);
     for (index, line) in page.notes.iter().enumerate() {
@@ -639,7 +663,14 @@ fn draw_x_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) -> f64 {
         for (index, line) in lines.iter().enumerate() {
             let half = text::width(line, page.x_label_size) / 2.0;
             let x = x.min(page.size[0] - BORDER - half).max(BORDER + half);
-            write(canvas, line, [x, first_baseline + index as f64 * line_height(TICK_SIZE)], Anchor::Middle, page.x_label_size, BLACK);
+            write(
+                canvas,
+                line,
+                [x, first_baseline + index as f64 * line_height(page.x_label_size)],
+                Anchor::Middle,
+                page.x_label_size,
+                BLACK,
+            );
         }
     }
     let under_ticks = bottom + TICK_LENGTH + 2.0 + numbers_height(&page.x_labels);
@@ -654,7 +685,7 @@ fn draw_x_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) -> f64 {
     under_ticks + 1.0 + line_height(LABEL_SIZE)
 }
 
-fn draw_y_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
+fn draw_y_labels(canvas: &mut Canvas, page: &Page<'_>) {
     let (frame, ticks) = (&page.frame, &page.y_ticks);
     let left = frame.low[0];
     for value in &ticks.minor {
@@ -666,13 +697,10 @@ fn draw_y_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
         canvas.stroke(vec![[left - TICK_LENGTH, y], [left, y]], 0.8, BLACK);
         write(canvas, &tick.label, [left - TICK_LENGTH - 2.0, y + CAPITAL_HEIGHT * TICK_SIZE / 2.0], Anchor::End, TICK_SIZE, BLACK);
     }
-    let title = axis::title(&chart.y, ticks.exponent);
-    let room = page.size[1] - 2.0 * BORDER;
-    let size = fitting_size(&title, LABEL_SIZE, room);
-    let half = text::width(&title, size) / 2.0;
-    let middle = ((frame.low[1] + frame.high[1]) / 2.0)
-        .clamp((BORDER + half).min(page.size[1] / 2.0), (page.size[1] - BORDER - half).max(page.size[1] / 2.0));
-    write_turned(canvas, &title, [BORDER + LABEL_SIZE, middle], size);
+    for (index, line) in page.y_title.iter().enumerate() {
+        let baseline = BORDER + LABEL_SIZE + index as f64 * line_height(LABEL_SIZE);
+        write_turned(canvas, line, [baseline, (frame.low[1] + frame.high[1]) / 2.0], LABEL_SIZE);
+    }
 }
 
 /// The size at which a line fits, at most `size`.
@@ -732,4 +760,105 @@ fn write(canvas: &mut Canvas, line: &str, position: [f64; 2], anchor: Anchor, si
 
 fn write_turned(canvas: &mut Canvas, line: &str, position: [f64; 2], size: f64) {
     canvas.text(Label { text: line.into(), position, anchor: Anchor::Middle, size, is_turned: true, ink: BLACK });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figure::canvas::Mark;
+
+    fn axis(label: &str, scale: Scale) -> Axis {
+        Axis { label: label.into(), unit: String::new(), scale, range: None, categories: Vec::new() }
+    }
+
+    fn curve(index: usize, label: &str) -> Curve {
+        let points = (4..13).map(|k| Point {
+            x: f64::from(1 << k),
+            y: (index + 1) as f64 / f64::from(1 << k),
+            interval: Some([1e-9, 2.0]),
+            count: 16,
+        });
+        let interval = IntervalLook::Whiskers;
+        Curve { label: label.into(), look: Look::Line, hue: index, dash: 0, points: points.collect(), interval, fit: None }
+    }
+
+    fn crowded(size_mm: [f64; 2], label: &str) -> Chart {
+        let at = |at: f64| Guide { axis: GuideAxis::X, at, label: format!("Brewster {at}° of a material with a name") };
+        Chart {
+            title: "A title that is so long that it needs more than one line on any paper of a usual size".into(),
+            size_mm,
+            x: axis("number of samples per pixel and light", Scale::Logarithmic),
+            y: axis("root mean square error over the whole sphere, alpha excluded", Scale::Logarithmic),
+            curves: (0..6).map(|index| curve(index, label)).collect(),
+            guides: vec![at(54.0), at(55.0), at(56.0), at(3000.0)],
+            heat: None,
+            notes: vec!["Each point is the mean of n = 16 values; bars show the 95 % interval (Student t).".into()],
+        }
+    }
+
+    /// Left, top, right and bottom of a line of text.
+    fn bounds(label: &Label) -> [f64; 4] {
+        let width = text::width(&label.text, label.size);
+        let start = match label.anchor {
+            Anchor::Start => 0.0,
+            Anchor::Middle => -width / 2.0,
+            Anchor::End => -width,
+        };
+        let [x, y] = label.position;
+        let (ascent, descent) = (CAPITAL_HEIGHT * label.size, 0.0);
+        if label.is_turned {
+            [x - ascent, y - start - width, x + descent, y - start]
+        } else {
+            [x + start, y - ascent, x + start + width, y + descent]
+        }
+    }
+
+    fn labels(canvas: &Canvas) -> Vec<[f64; 4]> {
+        canvas.marks.iter().filter_map(|mark| if let Mark::Text(label) = mark { Some(bounds(label)) } else { None }).collect()
+    }
+
+    #[test]
+    fn no_text_is_clipped_or_lies_on_another_whatever_the_size() {
+        for size in [[80.0, 50.0], [120.0, 80.0], [200.0, 60.0]] {
+            for label in ["uniform", "rows-then-columns with a long description that cannot stand beside the frame"] {
+                let canvas = canvas(&crowded(size, label));
+                let labels = labels(&canvas);
+                for (index, a) in labels.iter().enumerate() {
+                    let is_inside = a[0] >= 0.0 && a[1] >= 0.0 && a[2] <= canvas.width && a[3] <= canvas.height;
+                    assert!(is_inside, "{size:?} {label}: {a:?}");
+                    for b in &labels[index + 1..] {
+                        let is_apart = a[2] <= b[0] || b[2] <= a[0] || a[3] <= b[1] || b[3] <= a[1];
+                        assert!(is_apart, "{size:?} {label}: {a:?} {b:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_mark_is_finite_and_data_stay_within_the_page() {
+        let mut chart = crowded([120.0, 80.0], "uniform");
+        chart.x.range = Some([100.0, 1000.0]);
+        chart.y.range = Some([1e-3, 1e-2]);
+        let canvas = canvas(&chart);
+        for mark in &canvas.marks {
+            let points = match mark {
+                Mark::Stroke { points, .. } | Mark::Area { points, .. } => points.clone(),
+                Mark::Disk { center, .. } => vec![*center],
+                Mark::Text(label) => vec![label.position],
+            };
+            let is_inside = |[x, y]: &[f64; 2]| (0.0..=canvas.width).contains(x) && (0.0..=canvas.height).contains(y);
+            assert!(points.iter().all(is_inside), "{mark:?}");
+        }
+    }
+
+    #[test]
+    fn the_legend_lies_outside_the_frame() {
+        let chart = crowded([120.0, 80.0], "uniform");
+        let page = Page::of(&chart);
+        let text = |mark: &Mark| if let Mark::Text(label) = mark { Some(label.clone()) } else { None };
+        let entries: Vec<Label> = canvas(&chart).marks.iter().filter_map(text).filter(|label| label.text == "uniform").collect();
+        assert_eq!(entries.len(), 6);
+        assert!(entries.iter().all(|label| !page.frame.contains(label.position)));
+    }
 }

@@ -114,7 +114,7 @@ struct Lines {
 impl Lines {
     /// The text within `width`: in lines, written smaller where a word is too wide, cut by letters only at the smallest size.
     fn of(text: &str, size: f64, width: f64) -> Self {
-        let words = text.split_whitespace().flat_map(|word| word.split_inclusive('-'));
+        let words = text.split_ascii_whitespace().flat_map(|word| word.split_inclusive('-'));
         let widest = words.map(|word| text::width(word, size)).fold(0.0, f64::max);
         let size = (size * (width / widest.max(width))).max(LEAST_TEXT_SIZE.min(size));
         Self { lines: text::wrapped(text, size, width), size }

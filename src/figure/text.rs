@@ -43,7 +43,7 @@ pub fn width(text: &str, size: f64) -> f64 {
 /// Splits `text` at spaces, then after hyphens, into lines no wider than `limit`; what is wider still is split by letters.
 pub fn wrapped(text: &str, size: f64, limit: f64) -> Vec<String> {
     let mut lines = vec![String::new()];
-    for word in text.split_whitespace() {
+    for word in text.split_ascii_whitespace() {
         let line = lines.last_mut().expect("there is always a line");
         let joined = if line.is_empty() { word.to_owned() } else { format!("{line} {word}") };
         if width(&joined, size) <= limit {

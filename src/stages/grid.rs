@@ -19,7 +19,7 @@ use crate::figure::bitmap::Bitmap;
 use crate::figure::curves::value_label;
 use crate::figure::sheet::{self, Sheet};
 use crate::figure::table::{Cell, Column};
-use crate::formats::display;
+use crate::image::display;
 use crate::image::raster::{Image, Picture};
 use crate::light::envmap::EnvMap;
 
@@ -266,4 +266,46 @@ fn places(tiles: &[Tile], axes: &[String]) -> Vec<Vec<Cell>> {
 /// Whether a picture at `place` belongs to `other`: equal wherever it has a value.
 fn agree(place: &[Cell], other: &[Cell]) -> bool {
     place.iter().zip(other).all(|(mine, other)| *mine == Cell::Empty || mine == other)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::raster::PictureSamples;
+
+    fn grid(rows: &[&str], columns: &[&str]) -> Grid {
+        let yaml = format!("{{ of: [a], rows: [{}], columns: [{}], gap: 4, cell: 16 }}", rows.join(", "), columns.join(", "));
+        serde_yaml::from_str(&yaml).unwrap()
+    }
+
+    fn tile(stage: &str, axes: &[(&str, i128)]) -> Tile {
+        let axes = axes.iter().map(|(axis, value)| ((*axis).to_owned(), Cell::Integer(*value)));
+        let values = std::iter::once(("stage".to_owned(), Cell::Text(stage.into()))).chain(axes).collect();
+        Tile { values, bitmap: Bitmap::filled(16, 16, [9; 3]) }
+    }
+
+    #[test]
+    fn a_picture_without_an_axis_stands_at_every_value_and_missing_ones_leave_a_hole() {
+        let tiles = vec![tile("ldr", &[("n", 64)]), tile("ldr", &[("n", 256)]), tile("truth", &[]), tile("other", &[("n", 64)])];
+        let sheet = grid(&["stage"], &["n"]).sheet(tiles).unwrap();
+        assert_eq!(sheet.column_labels, ["n\u{a0}=\u{a0}64", "n\u{a0}=\u{a0}256"]);
+        assert_eq!(sheet.row_labels, ["ldr", "truth", "other"]);
+        assert_eq!(sheet.cells.iter().map(Option::is_some).collect::<Vec<_>>(), [true, true, true, true, true, false]);
+        let PictureSamples::Eight(pixels) = sheet::draw(&sheet).samples else { panic!("eight bits") };
+        assert_eq!(pixels.iter().filter(|pixel| **pixel == [9; 3]).count(), 5 * 256);
+    }
+
+    #[test]
+    fn two_pictures_for_one_cell_name_the_axis_that_is_used_nowhere() {
+        let tiles = vec![tile("ldr", &[("n", 64), ("gamma", 1)]), tile("ldr", &[("n", 64), ("gamma", 2)])];
+        let error = grid(&[], &["n"]).sheet(tiles).unwrap_err();
+        assert!(error.to_string().contains("they differ in `gamma`"), "{error}");
+    }
+
+    #[test]
+    fn an_axis_that_no_picture_has_is_told() {
+        let error = grid(&["gama"], &["n"]).sheet(vec![tile("ldr", &[("n", 64), ("gamma", 1)])]).unwrap_err();
+        let StageError::Content { message, hint } = error else { panic!("bad content") };
+        assert!(message.contains("`gama`") && hint.unwrap().contains("`gamma`"));
+    }
 }

@@ -390,3 +390,38 @@ fn curve_error(error: CurveError) -> StageError {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plot(fields: &str) -> Plot {
+        serde_yaml::from_str(&format!("{{ of: [error], {fields} }}")).unwrap()
+    }
+
+    #[test]
+    fn a_block_at_its_defaults_has_no_mistakes_and_says_which_axes_it_uses() {
+        let plot = plot("x: n, y: [rmse], series: look.gamma, repeat: run, scale: log-log, fit: true");
+        assert_eq!(plot.mistakes(), []);
+        assert_eq!(plot.axes_used().unwrap(), ["n", "rmse", "look.gamma", "run", "look"]);
+        assert_eq!(plot.request().scales[..2], [Scale::Logarithmic; 2]);
+    }
+
+    #[test]
+    fn combinations_without_a_meaning_are_told() {
+        let field_at_fault = |fields: &str| plot(fields).mistakes().into_iter().map(|mistake| mistake.field).collect::<Vec<_>>();
+        assert_eq!(field_at_fault("x: n"), ["y"]);
+        assert_eq!(field_at_fault("x: n, kind: histogram, y: a, fit: true"), ["y", "fit"]);
+        assert_eq!(field_at_fault("x: n, kind: heat-map, y: a"), ["value"]);
+        assert_eq!(field_at_fault("x: n, y: a, x_range: [2, 1]"), ["x_range"]);
+        assert_eq!(field_at_fault("x: n, y: a, scale: log-y, y_range: [0, 1]"), ["y_range"]);
+        assert_eq!(field_at_fault("x: n, y: a, fit: { from: 4, to: 2 }, line_columns: b"), ["line_columns", "fit"]);
+    }
+
+    #[test]
+    fn a_fit_is_a_truth_value_or_a_range() {
+        assert_eq!(plot("x: n, fit: { from: 64 }").fit, Fit::Range([Some(64.0), None]));
+        assert_eq!(serde_json::to_string(&plot("x: n, fit: { to: 64 }").fit).unwrap(), r#"{"to":64.0}"#);
+        assert!(serde_yaml::from_str::<Fit>("{ form: 1 }").is_err());
+    }
+}

@@ -5,6 +5,7 @@ use super::draft::Draft;
 use super::resolve::{Link, Placed, Port, Resolved};
 use crate::engine::artifact::TypeName;
 use crate::engine::diagnostic::{listed, quoted};
+use crate::engine::document::StageEntry;
 use crate::engine::save::{self, Save};
 use crate::engine::source::{Finding, Findings};
 use crate::engine::stage::InputTypes;
@@ -66,15 +67,16 @@ fn typed_stage(
     findings: &mut Findings,
 ) -> Option<Typed> {
     let name = world.name(stage);
-    let instance = draft.instance.as_ref()?;
     let inputs = input_types(&placed.ports, typed)?;
-    let candidates = instance.result_types(&inputs);
+    // A stage with mistakes still has the types that its kind declares, so that its users can be checked.
+    let declared = || draft.kind.results.iter().map(|result| result.types.to_vec()).collect();
+    let candidates: Vec<Vec<TypeName>> = draft.instance.as_ref().map_or_else(declared, |instance| instance.result_types(&inputs));
     let is_decided = candidates.first().is_some_and(|types| types.len() > 1);
     let mut results = Vec::new();
     for (index, declaration) in draft.kind.results.iter().enumerate() {
         let types = candidates.get(index).filter(|types| !types.is_empty()).map_or(declaration.types, Vec::as_slice);
         let users: Vec<&User<'_>> = users.iter().filter(|user| user.link.result == index).collect();
-        results.push((declaration.name, decided(world, stage, draft.kind.name, types, &users, findings)));
+        results.push((declaration.name, decided(world, stage, draft, types, &users, findings)));
     }
     check_columns(world, stage, draft, placed, findings);
     let saves = match &world.document.stages[stage].save {
@@ -88,7 +90,7 @@ fn typed_stage(
 fn decided(
     world: &World<'_, '_>,
     stage: usize,
-    kind: &str,
+    draft: &Draft<'_>,
     candidates: &[TypeName],
     users: &[&User<'_>],
     findings: &mut Findings,
@@ -107,16 +109,33 @@ fn decided(
             quoted(&user.link.written),
             listed(candidates, "or")
         );
-        findings.add(Finding::error(user.link.place, message).in_stage(world.name(user.stage)));
+        let hint = stand_in(world, stage, user);
+        findings.add(Finding::error(user.link.place, message).in_stage(world.name(user.stage)).with_hint(hint));
     }
-    if let ([], Some(first)) = (&at_fault[..], users.first()) {
+    if let ([], Some(first), Some(_)) = (&at_fault[..], users.first(), &draft.instance) {
         let wanted: Vec<String> =
             users.iter().map(|user| format!("{} takes {}", quoted(world.name(user.stage)), listed(&user.port.accepts, "or"))).collect();
         let message = format!("the users of {} cannot agree on its type: {}", quoted(world.name(stage)), listed(&wanted, "and"));
-        let hint = Some(format!("let each kind of user have its own `{kind}` stage"));
+        let hint = Some(format!("let each kind of user have its own `{}` stage", draft.kind.name));
         findings.add(Finding::error(first.link.place, message).in_stage(world.name(first.stage)).with_hint(hint));
     }
     candidates[0]
+}
+
+/// A stage that gives what a port takes, first among those that come from the one that stands there.
+fn stand_in(world: &World<'_, '_>, stage: usize, user: &User<'_>) -> Option<String> {
+    let entries = &world.document.stages;
+    let gives = |entry: &&StageEntry<'_>| {
+        let types = entry.kind.and_then(|kind| kind.results.first()).map_or(&[][..], |result| result.types);
+        types.iter().any(|name| user.port.accepts.iter().any(|accepted| accepted == name))
+    };
+    let comes_from_it = |entry: &&StageEntry<'_>| {
+        let fields = entry.parameters.map().map(|fields| &fields[..]).unwrap_or_default();
+        fields.iter().any(|field| field.node.text() == Some(world.name(stage)))
+    };
+    let others = || entries.iter().filter(|entry| entry.name != world.name(user.stage)).filter(gives);
+    let entry = others().find(comes_from_it)?;
+    Some(format!("did you mean {}, line {}? it gives {}", quoted(&entry.name), entry.place.line, listed(&user.port.accepts, "or")))
 }
 
 /// A collapsed axis that a figure uses nowhere would lay its values over each other unseen.
