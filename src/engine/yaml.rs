@@ -462,6 +462,7 @@ mod tests {
     fn an_own_key_wins_over_a_merged_one_and_the_first_merge_wins() {
         let root = read("a: &a { k: 1, l: 1 }\nb: &b { k: 2, m: 2 }\nc: { <<: [*a, *b], l: 3 }").unwrap();
         let c = entry(root.map().unwrap(), "c").unwrap().node.map().unwrap().clone();
+        assert_eq!(c.len(), 3);
         let value = |key: &str| entry(&c, key).unwrap().node.described();
         assert_eq!([value("k"), value("l"), value("m")], ["`1`", "`3`", "`2`"]);
     }
