@@ -26,6 +26,10 @@ pub enum Command {
     Plan(PlanCommand),
     /// Show every mistake of a pipeline file
     Check(CheckCommand),
+    /// List the kinds of stages, or show one with every parameter
+    Stages(StagesCommand),
+    /// Print the JSON Schema of pipeline files, for editors
+    Schema,
     /// Show what an image file holds
     Info(InfoCommand),
     /// Convert an image file to another format
@@ -217,6 +221,13 @@ pub enum Format {
     Text,
     /// For programs
     Json,
+}
+
+/// Arguments of `stages`.
+#[derive(Debug, Args)]
+pub struct StagesCommand {
+    /// The kind to show
+    pub kind: Option<String>,
 }
 
 /// Arguments of `info`.

@@ -4,6 +4,7 @@ mod arguments;
 mod check;
 mod images;
 mod machine;
+mod manual;
 mod plan;
 mod progress;
 mod run;
@@ -60,6 +61,8 @@ fn execute(arguments: Arguments, screen: &Screen) -> Ending {
         Command::Run(command) => run::run(&command, screen),
         Command::Plan(command) => plan::plan(&command, screen),
         Command::Check(command) => check::check(&command, screen),
+        Command::Stages(command) => manual::stages(&command, screen),
+        Command::Schema => manual::schema(screen),
         Command::Info(command) => images::info(&command, screen),
         Command::Convert(command) => images::convert(&command, screen),
     }

@@ -1,7 +1,10 @@
 //! `profile`: a distribution as curves.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::engine::artifact::Artifact;
 use crate::engine::job::Job;
@@ -20,9 +23,65 @@ use crate::light::distribution::Distribution;
 pub struct ProfileStage {
     /// The distribution.
     pub of: Port<Distribution>,
-    /// A row, counted from 0 at the top: its conditional distribution. Without it the marginal distribution of all rows.
+    /// A row, counted from 0 at the top, or `brightest` for the one most often drawn: its conditional distribution.
+    /// Without it the marginal distribution of all rows.
     #[serde(default)]
-    pub row: Option<u32>,
+    pub row: Option<ProfileRow>,
+}
+
+/// The row of a conditional distribution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ProfileRow {
+    /// That row, counted from 0 at the top.
+    Index(u32),
+    /// The row of the largest probability, the upper one on ties.
+    Brightest,
+}
+
+const BRIGHTEST: &str = "brightest";
+
+impl ProfileRow {
+    fn index(self, distribution: &Distribution) -> usize {
+        match self {
+            ProfileRow::Index(row) => row as usize,
+            ProfileRow::Brightest => (0..distribution.height())
+                .rev()
+                .max_by(|&a, &b| distribution.marginal_pmf(a).total_cmp(&distribution.marginal_pmf(b)))
+                .expect("a distribution has rows"),
+        }
+    }
+}
+
+impl Serialize for ProfileRow {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            ProfileRow::Index(row) => serializer.serialize_u32(*row),
+            ProfileRow::Brightest => serializer.serialize_str(BRIGHTEST),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for ProfileRow {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match serde_yaml::Value::deserialize(deserializer)? {
+            serde_yaml::Value::String(word) if word == BRIGHTEST => Ok(ProfileRow::Brightest),
+            other => u32::deserialize(other).map(ProfileRow::Index).map_err(D::Error::custom),
+        }
+    }
+}
+
+impl JsonSchema for ProfileRow {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> Cow<'static, str> {
+        "ProfileRow".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [{ "type": "integer", "minimum": 0, "maximum": u32::MAX }, { "const": BRIGHTEST }] })
+    }
 }
 
 impl Stage for ProfileStage {
@@ -39,11 +98,11 @@ impl Stage for ProfileStage {
     fn run(&self, job: &Job<'_>) -> Result<Table, StageError> {
         let distribution = job.input(&self.of)?;
         let Some(row) = self.row else { return Ok(marginal(&distribution)) };
-        if row as usize >= distribution.height() {
+        let row = row.index(&distribution);
+        if row >= distribution.height() {
             let message = format!("row `{row}` lies outside the distribution, which has {} rows", distribution.height());
             return Err(StageError::content_with_hint(message, format!("rows run from `0` to `{}`", distribution.height() - 1)));
         }
-        let row = row as usize;
         if distribution.row_weight(row) == 0.0 {
             job.warn(format!("row `{row}` is never drawn: its conditional distribution is zero everywhere"));
         }
@@ -127,6 +186,11 @@ mod tests {
             assert_eq!(scaled.iter().copied().fold(1.0, f64::min), 0.0);
             assert_eq!(scaled.iter().copied().fold(0.0, f64::max), 1.0);
         }
+    }
+
+    #[test]
+    fn the_brightest_row_is_the_upper_one_of_the_most_probable() {
+        assert_eq!(ProfileRow::Brightest.index(&example()), 2);
     }
 
     #[test]

@@ -1,8 +1,11 @@
 //! The kind `table`: collected rows as one table.
 
+use std::sync::Arc;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::artifacts::lights;
 use super::names::Names;
 use crate::catalogue;
 use crate::engine::artifact::{AnyArtifact, Artifact, TypeName};
@@ -11,6 +14,7 @@ use crate::engine::job::Job;
 use crate::engine::parameter::{Accepts, Ports};
 use crate::engine::stage::{Mistake, ResultDeclaration, Stage, StageError};
 use crate::figure::table::{Cell, Collection, Part, Table, TableError, collect};
+use crate::light::lights::LightSet;
 
 /// Puts tables one after the other, with a column for the stage and one for each collapsed axis.
 ///
@@ -18,7 +22,7 @@ use crate::figure::table::{Cell, Collection, Part, Table, TableError, collect};
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Collect {
-    /// The tables: one stage or a list of them.
+    /// The tables or lights: one stage or a list of them.
     pub of: Ports<Rows>,
     /// The axes to collapse into rows; by default all.
     #[serde(default)]
@@ -72,15 +76,15 @@ impl Stage for Collect {
     }
 }
 
-/// What can be read as rows: tables. Another type of artifact is one more arm here.
+/// What can be read as rows: tables, and lights with one row each. Another type of artifact is one more arm here.
 pub enum Rows {}
 
 impl Accepts for Rows {
-    const TYPES: &'static [TypeName] = &[Table::TYPE];
-    type Value = std::sync::Arc<Table>;
+    const TYPES: &'static [TypeName] = &[Table::TYPE, LightSet::TYPE];
+    type Value = Arc<Table>;
 
     fn take(artifact: AnyArtifact) -> Option<Self::Value> {
-        artifact.get::<Table>()
+        artifact.get::<Table>().or_else(|| artifact.get::<LightSet>().map(|lights| Arc::new(lights::rows(&lights))))
     }
 }
 
