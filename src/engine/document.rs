@@ -3,12 +3,12 @@
 //! What the parameters of a stage mean is not looked at here; see `sweep`.
 
 use std::collections::HashMap;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use super::diagnostic::quoted;
 use super::reference::is_stage_name;
 use super::registry::{Kind, Registry};
-use super::source::{Finding, Findings, Place, Sources, did_you_mean, read_text};
+use super::source::{Finding, Findings, Place, Sources, did_you_mean, read_text, without_dots};
 use super::substitution::is_name;
 use super::yaml::{Entry, Node, Value, parse};
 use crate::catalogue::nearest;
@@ -430,21 +430,6 @@ impl<'r> Reader<'_, 'r> {
 
 fn file_name(path: &Path) -> String {
     quoted(&path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default())
-}
-
-/// A path without `.` and `..`, by its text alone.
-fn without_dots(path: &Path) -> PathBuf {
-    let mut clean = PathBuf::new();
-    for component in path.components() {
-        match component {
-            Component::CurDir => {}
-            Component::ParentDir => {
-                clean.pop();
-            }
-            component => clean.push(component),
-        }
-    }
-    clean
 }
 
 /// Text, or a number that was meant as text: `pipeline: 2024`.

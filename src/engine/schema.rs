@@ -195,7 +195,7 @@ pub fn alternatives<'s>(root: &'s Json, schema: &'s Json) -> Vec<&'s Json> {
 }
 
 /// The words that a schema allows: constants of text.
-pub fn words<'s>(schema: &'s Json) -> Vec<&'s str> {
+pub fn words(schema: &Json) -> Vec<&str> {
     let listed = schema.get("enum").and_then(Json::as_array).into_iter().flatten().filter_map(Json::as_str);
     listed.chain(schema.get("const").and_then(Json::as_str)).collect()
 }

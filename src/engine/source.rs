@@ -6,7 +6,7 @@
 use std::collections::{BTreeMap, HashSet};
 use std::fs::File;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use super::diagnostic::{Diagnostic, Severity, escape, excerpt, shortened};
 
@@ -178,11 +178,18 @@ impl Sources {
         list.sort_by_key(|finding| (finding.place.file, finding.place.line, finding.place.column));
         let mut lines = BTreeMap::new();
         let (mut errors, mut warnings) = (Vec::new(), Vec::new());
+        let mut left_out = 0;
         for finding in list {
-            let kept = if finding.severity == Severity::Error { &mut errors } else { &mut warnings };
+            let is_error = finding.severity == Severity::Error;
+            let kept = if is_error { &mut errors } else { &mut warnings };
             if kept.len() < FINDING_LIMIT {
                 kept.push(self.diagnostic(finding, &mut lines));
+            } else {
+                left_out += usize::from(is_error);
             }
+        }
+        if left_out > 0 {
+            errors.push(Diagnostic::of_file("", format!("{left_out} more errors are not shown; repair the first ones")));
         }
         (errors, warnings)
     }
@@ -221,6 +228,24 @@ fn lines_of(text: &str) -> Vec<&str> {
         lines.extend(line.split('\r'));
     }
     lines
+}
+
+/// A path without `.` and, where it can be said from the text alone, without `..`.
+pub fn without_dots(path: &Path) -> PathBuf {
+    let mut clean = PathBuf::new();
+    for component in path.components() {
+        let is_in_folder = matches!(clean.components().next_back(), Some(Component::Normal(_)));
+        match component {
+            Component::CurDir => {}
+            Component::ParentDir if is_in_folder => {
+                clean.pop();
+            }
+            // Above the root there is only the root.
+            Component::ParentDir if clean.has_root() => {}
+            component => clean.push(component),
+        }
+    }
+    clean
 }
 
 /// A file that cannot be taken for a pipeline's text.
@@ -307,6 +332,13 @@ mod tests {
         assert_eq!(decoded(b"a\nbc\0".to_vec()).unwrap_err().position, Some((2, 3)));
         assert!(decoded(b"\xff\xfea\0".to_vec()).unwrap_err().message.contains("UTF-16"));
         assert_eq!(decoded("\u{feff}a".into()).unwrap(), "a");
+    }
+
+    #[test]
+    fn dots_are_taken_out_of_a_path() {
+        for (path, expected) in [("a/./b/../c", "a/c"), ("../a", "../a"), ("/../a", "/a"), ("a/../../b", "../b")] {
+            assert_eq!(without_dots(Path::new(path)), Path::new(expected), "{path}");
+        }
     }
 
     #[test]

@@ -164,6 +164,10 @@ fn fatal(place: Place, message: impl Into<String>) -> Fatal {
     Box::new(Finding::error(place, message))
 }
 
+fn too_deep(place: Place) -> Fatal {
+    fatal(place, format!("nested deeper than the limit of {DEPTH_LIMIT} levels"))
+}
+
 impl Builder<'_> {
     fn document(&mut self, text: &str) -> Result<Node, Fatal> {
         let mut parser = Parser::new(StrInput::new(text));
@@ -190,6 +194,10 @@ impl Builder<'_> {
     fn not_yaml(&self, error: &ScanError) -> Fatal {
         let marker = error.marker();
         let place = Place { file: self.file, line: marker.line() as u32, column: marker.col() as u32 + 1, length: 1 };
+        // The parser has a limit of its own, which it may meet while it looks ahead.
+        if error.info().contains("recursion limit") {
+            return too_deep(place);
+        }
         fatal(place, format!("not YAML: {}", super::diagnostic::escape(error.info())))
     }
 
@@ -220,7 +228,7 @@ impl Builder<'_> {
 
     fn start(&mut self, content: OpenContent, anchor: usize, place: Place) -> Result<Option<Node>, Fatal> {
         if self.open.len() >= DEPTH_LIMIT {
-            return Err(fatal(place, format!("nested deeper than the limit of {DEPTH_LIMIT} levels")));
+            return Err(too_deep(place));
         }
         if self.expects_key() {
             return Err(fatal(place, "a key must be a single word, not a list or a map"));
@@ -454,6 +462,7 @@ mod tests {
     fn an_own_key_wins_over_a_merged_one_and_the_first_merge_wins() {
         let root = read("a: &a { k: 1, l: 1 }\nb: &b { k: 2, m: 2 }\nc: { <<: [*a, *b], l: 3 }").unwrap();
         let c = entry(root.map().unwrap(), "c").unwrap().node.map().unwrap().clone();
+        assert_eq!(c.len(), 3);
         let value = |key: &str| entry(&c, key).unwrap().node.described();
         assert_eq!([value("k"), value("l"), value("m")], ["`1`", "`3`", "`2`"]);
     }

@@ -19,7 +19,7 @@ use crate::engine::relation::{Relation, Row};
 use crate::engine::request::Request;
 use crate::engine::save::{Names, published_path};
 use crate::engine::schema::{Role, RoleField};
-use crate::engine::source::{Finding, Findings, Place, Sources, did_you_mean};
+use crate::engine::source::{Finding, Findings, Place, Sources, did_you_mean, without_dots};
 use crate::engine::stage::AnyStage;
 use crate::engine::yaml::{Node, Value};
 
@@ -159,11 +159,10 @@ fn sources(sources: &Sources, folder: &Path) -> Vec<Source> {
 
 /// A path as the manifest shows it: relative to the pipeline's folder, or the name alone where it lies elsewhere.
 fn relative(path: &Path, folder: &Path) -> String {
-    let folder = folder.strip_prefix(".").unwrap_or(folder);
-    let path = path.strip_prefix(".").unwrap_or(path);
-    let inside =
-        path.strip_prefix(folder).ok().filter(|inside| inside.components().all(|part| matches!(part, std::path::Component::Normal(_))));
-    let shown = inside.or_else(|| path.file_name().map(Path::new)).unwrap_or(path);
+    let clean = |path: &Path| std::path::absolute(path).map_or_else(|_| path.to_owned(), |path| without_dots(&path));
+    let path = clean(path);
+    let inside = path.strip_prefix(clean(folder)).ok();
+    let shown = inside.or_else(|| path.file_name().map(Path::new)).unwrap_or(&path);
     shown.to_string_lossy().into_owned()
 }
 

@@ -361,7 +361,7 @@ fn over_axes(
     let mut axes: Vec<usize> = Vec::new();
     let error_count = findings.error_count();
     for item in texts(node) {
-        let Some(text) = item.text() else { return None };
+        let text = item.text()?;
         let wrong = match world.axis_index(text) {
             Err(wrong) => Some(wrong),
             Ok(axis) if axes.contains(&axis) => Some((format!("axis {} stands twice in `over`", quoted(text)), None)),

@@ -345,6 +345,15 @@ fn users_decide_the_type_of_a_result() {
     assert_eq!(graph.stages[0].results, [("", "picture")]);
     assert_eq!(graph.stages[1].results, [("", "picture")]);
     assert_eq!(job(&graph, "shown").publications[1].path, "shown.ppm");
+    let graph = Space::new(
+        "stages:
+  env: { source: { path: map.exr } }
+  copy: { same: { of: env } }
+  again: { same: { of: copy } }
+  shown: { show: { of: again } }",
+    )
+    .graph();
+    assert_eq!(graph.stages.iter().map(|stage| stage.results[0].1).collect::<Vec<_>>(), ["picture"; 4]);
     let errors = Space::new(
         "stages:
   env: { source: { path: map.exr } }
@@ -532,6 +541,16 @@ fn a_missing_file_and_a_wrong_name_of_the_pipeline_are_errors() {
         let space = Space::new("");
         space.write("p.yaml", &format!("version: 1\npipeline: {name}\nstages:\n  env: {{ source: {{ path: map.exr }} }}"));
         assert!(space.errors().contains("p.yaml:2:11: the name of the `pipeline`"), "{name}");
+    }
+}
+
+proptest::proptest! {
+    #[test]
+    fn any_text_is_read_or_refused(text in "[\\[\\]{}:,&*!|>'\"#$\\\\ \\n\\ta-c0-9.=-]{0,120}", at in 0_usize..200) {
+        let whole = "axes: { n: [4, 8] }\nstages:\n  env: { source: { path: map.exr } }\n  a: { draw: { of: env, count: $n }, save: csv }\n";
+        let space = Space::new(&format!("{}{text}{}", &whole[..at.min(whole.len())], &whole[at.min(whole.len())..]));
+        let errors = space.build(&space.request()).err().unwrap_or_default();
+        proptest::prop_assert!(!errors.contains(|c: char| c.is_control() && c != '\n'));
     }
 }
 

@@ -30,10 +30,12 @@ struct User<'a> {
 /// Decides the types, in the order of the stages. `None` where something is wrong.
 pub fn decide(world: &World<'_, '_>, drafts: &[Option<Draft<'_>>], resolved: &Resolved, findings: &mut Findings) -> Vec<Option<Typed>> {
     let users = users(resolved);
+    let wanted = wanted(world, drafts, resolved, &users);
     let mut typed: Vec<Option<Typed>> = drafts.iter().map(|_| None).collect();
     for stage in resolved.order.iter().copied() {
         if let (Some(draft), Some(placed)) = (&drafts[stage], &resolved.stages[stage]) {
-            typed[stage] = typed_stage(world, stage, draft, placed, &users[stage], &typed, findings);
+            typed[stage] =
+                typed_stage(world, stage, draft, placed, Wishes { users: &users[stage], wanted: &wanted[stage] }, &typed, findings);
         }
     }
     typed
@@ -51,6 +53,59 @@ fn users(resolved: &Resolved) -> Vec<Vec<User<'_>>> {
     users
 }
 
+/// What the users of a stage ask of its results.
+#[derive(Clone, Copy)]
+struct Wishes<'a> {
+    users: &'a [User<'a>],
+    /// By result: the types with which all users can do their work; `None` if there are no users.
+    wanted: &'a [Option<Vec<TypeName>>],
+}
+
+/// By stage and result, the types with which all users, and the users of what they make of it, can work.
+///
+/// So `load` gives an image where a stage between passes on what it takes and an image is asked of that.
+fn wanted(
+    world: &World<'_, '_>,
+    drafts: &[Option<Draft<'_>>],
+    resolved: &Resolved,
+    users: &[Vec<User<'_>>],
+) -> Vec<Vec<Option<Vec<TypeName>>>> {
+    let result_count = |stage: usize| world.document.stages[stage].kind.map_or(0, |kind| kind.results.len());
+    let mut wanted: Vec<Vec<Option<Vec<TypeName>>>> = (0..drafts.len()).map(|stage| vec![None; result_count(stage)]).collect();
+    for stage in resolved.order.iter().rev().copied() {
+        for user in &users[stage] {
+            let works = |type_name: &TypeName| {
+                user.port.accepts.iter().any(|accepted| accepted == type_name)
+                    && works_with(&drafts[user.stage], &resolved.stages[user.stage], user.port, type_name, &wanted[user.stage])
+            };
+            let before = &wanted[stage][user.link.result];
+            let types: Vec<TypeName> = match before {
+                Some(types) => types.iter().copied().filter(works).collect(),
+                None => world.registry.artifacts().names().filter(works).collect(),
+            };
+            wanted[stage][user.link.result] = Some(types);
+        }
+    }
+    wanted
+}
+
+/// Whether a stage with this type on that port gives what its own users want.
+fn works_with(
+    draft: &Option<Draft<'_>>,
+    placed: &Option<Placed>,
+    port: &Port,
+    type_name: TypeName,
+    wanted: &[Option<Vec<TypeName>>],
+) -> bool {
+    let (Some(Some(instance)), Some(placed), false) = (draft.as_ref().map(|draft| &draft.instance), placed, port.collects) else {
+        return true;
+    };
+    // The kinds whose results follow an input follow a single one; what stands on the others does not matter.
+    let inputs: InputTypes = placed.ports.iter().filter(|port| !port.collects).map(|other| (other.name.clone(), type_name)).collect();
+    let candidates = instance.result_types(&inputs);
+    candidates.iter().zip(wanted).all(|(types, wanted)| wanted.as_ref().is_none_or(|wanted| types.iter().any(|one| wanted.contains(one))))
+}
+
 /// The types of what stands on the single ports; `None` if one is not known.
 pub fn input_types(ports: &[Port], typed: &[Option<Typed>]) -> Option<InputTypes> {
     let single = ports.iter().filter(|port| !port.collects).flat_map(|port| port.links.iter().map(move |link| (port, link)));
@@ -62,7 +117,7 @@ fn typed_stage(
     stage: usize,
     draft: &Draft<'_>,
     placed: &Placed,
-    users: &[User<'_>],
+    wishes: Wishes<'_>,
     typed: &[Option<Typed>],
     findings: &mut Findings,
 ) -> Option<Typed> {
@@ -75,8 +130,13 @@ fn typed_stage(
     let mut results = Vec::new();
     for (index, declaration) in draft.kind.results.iter().enumerate() {
         let types = candidates.get(index).filter(|types| !types.is_empty()).map_or(declaration.types, Vec::as_slice);
-        let users: Vec<&User<'_>> = users.iter().filter(|user| user.link.result == index).collect();
-        results.push((declaration.name, decided(world, stage, draft, types, &users, findings)));
+        let users: Vec<&User<'_>> = wishes.users.iter().filter(|user| user.link.result == index).collect();
+        let meets_wishes = |candidate: &&TypeName| wishes.wanted[index].as_ref().is_none_or(|wanted| wanted.contains(candidate));
+        let type_name = match types.iter().find(meets_wishes) {
+            Some(type_name) => type_name,
+            None => decided(world, stage, draft, types, &users, findings),
+        };
+        results.push((declaration.name, type_name));
     }
     check_columns(world, stage, draft, placed, findings);
     let saves = match &world.document.stages[stage].save {
