@@ -7,7 +7,6 @@ use std::path::Path;
 use super::Ending;
 use super::arguments::{ConvertCommand, Format, InfoCommand};
 use super::screen::{Screen, escaped_lines, json_text};
-use crate::formats::Limits;
 use crate::stages::conversion::{self, Info};
 
 /// Shows what an image file holds.
@@ -16,7 +15,7 @@ pub fn info(command: &InfoCommand, screen: &Screen) -> Ending {
         Ok(bytes) => bytes,
         Err(ending) => return ending,
     };
-    match conversion::info(&bytes, &name_of(&command.file), &Limits::default()) {
+    match conversion::info(&bytes, &name_of(&command.file), &Default::default()) {
         Ok(info) if command.format == Format::Json => screen.print(&json_text(&info)),
         Ok(info) => {
             info.warnings.iter().for_each(|warning| screen.warning(warning));
@@ -61,7 +60,7 @@ pub fn convert(command: &ConvertCommand, screen: &Screen) -> Ending {
         Ok(bytes) => bytes,
         Err(ending) => return ending,
     };
-    match conversion::convert(&bytes, &name_of(&command.input), &name_of(&command.output), &Limits::default()) {
+    match conversion::convert(&bytes, &name_of(&command.input), &name_of(&command.output), &Default::default()) {
         Err(error) => bad_file(&command.input, &error.to_string(), screen),
         Ok((bytes, warnings)) => {
             warnings.iter().for_each(|warning| screen.warning(warning));

@@ -325,7 +325,7 @@ mod tests {
 
     fn read_axis(text: &str) -> Result<Vec<String>, String> {
         let mut findings = Findings::default();
-        let node = super::super::yaml::parse(0, text, &mut findings).unwrap();
+        let node = crate::engine::yaml::parse(0, text, &mut findings).unwrap();
         let axis = values(&node, 100_000).and_then(without_repetition);
         axis.map(|values| values.iter().map(|value| value.scalar.to_string()).collect()).map_err(|wrong| wrong.message)
     }

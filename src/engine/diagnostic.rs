@@ -131,9 +131,15 @@ fn rendered(renderer: &Renderer, diagnostic: &Diagnostic) -> String {
         }
         None => Group::with_title(title),
     }];
-    if let Some(hint) = &diagnostic.hint {
-        groups.push(Group::with_title(Level::HELP.with_name("hint").secondary_title(hint.as_str())));
+    let Some(hint) = &diagnostic.hint else {
+        return renderer.render(&groups);
+    };
+    let hint = Group::with_title(Level::HELP.with_name("hint").secondary_title(hint.as_str()));
+    if diagnostic.excerpt.is_none() {
+        // Together they would be joined by an empty margin.
+        return format!("{}\n{}", renderer.render(&groups), renderer.render(&[hint]));
     }
+    groups.push(hint);
     renderer.render(&groups)
 }
 

@@ -169,8 +169,8 @@ impl Names {
 
 #[cfg(test)]
 mod tests {
-    use super::super::coordinate::Scalar;
     use super::*;
+    use crate::engine::coordinate::Scalar;
 
     fn coordinate(value: &str) -> Coordinate {
         Coordinate(vec![("p".into(), Scalar::Text(value.into())), ("n".into(), Scalar::Integer(64))])

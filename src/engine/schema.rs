@@ -631,10 +631,10 @@ mod tests {
     use schemars::JsonSchema;
     use schemars::generate::SchemaSettings;
 
-    use super::super::artifact::{AnyArtifact, TypeName};
-    use super::super::parameter::{Accepts, InputFile, Port, Ports, Seed};
-    use super::super::source::Findings;
     use super::*;
+    use crate::engine::artifact::{AnyArtifact, TypeName};
+    use crate::engine::parameter::{Accepts, InputFile, Port, Ports, Seed};
+    use crate::engine::source::Findings;
 
     struct Map;
     impl Accepts for Map {
@@ -682,7 +682,7 @@ mod tests {
     fn issues(text: &str) -> Vec<String> {
         let schema: Json = SchemaSettings::draft07().into_generator().into_root_schema_for::<Block>().into();
         let mut findings = Findings::default();
-        let node = super::super::yaml::parse(0, text, &mut findings).unwrap();
+        let node = crate::engine::yaml::parse(0, text, &mut findings).unwrap();
         let checked = check("block", &schema, &node);
         checked.issues.iter().map(|issue| format!("{}; {}", issue.message, issue.hint.clone().unwrap_or_default())).collect()
     }
@@ -733,7 +733,7 @@ mod tests {
         let schema: Json = SchemaSettings::draft07().into_generator().into_root_schema_for::<Block>().into();
         let mut findings = Findings::default();
         let node =
-            super::super::yaml::parse(0, "{ of: a, at: b, many: c, count: 1, path: p, seed: 1, exposure: 1 }", &mut findings).unwrap();
+            crate::engine::yaml::parse(0, "{ of: a, at: b, many: c, count: 1, path: p, seed: 1, exposure: 1 }", &mut findings).unwrap();
         let roles: Vec<String> = check("block", &schema, &node).roles.iter().map(|role| format!("{} {:?}", role.path, role.role)).collect();
         assert_eq!(roles, ["of Port([\"envmap\"])", "at Port([\"envmap\"])", "many Ports([\"envmap\"])", "path File", "seed Seed"]);
     }

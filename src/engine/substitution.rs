@@ -354,7 +354,7 @@ mod tests {
 
     fn described(params: &str, text: &str) -> Result<String, String> {
         let mut findings = Findings::default();
-        let params = super::super::yaml::parse(0, params, &mut findings).unwrap();
+        let params = crate::engine::yaml::parse(0, params, &mut findings).unwrap();
         let entries = params.map().unwrap().clone();
         substituted_text(text, Place::default(), &Scope::new(&entries, &[]))
             .map(|template| fixed(&template).unwrap().described())

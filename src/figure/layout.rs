@@ -84,7 +84,9 @@ struct PlacedGuide<'a> {
     guide: &'a Guide,
     /// Number of the line of text above the frame, from below.
     row: usize,
-    anchor: Anchor,
+    /// Left end of its label.
+    start: f64,
+    size: f64,
 }
 
 /// Everything that is measured before something is drawn.
@@ -99,6 +101,8 @@ struct Page<'a> {
     x_labels: Vec<Vec<String>>,
     x_label_size: f64,
     y_ticks: Ticks,
+    /// The lines of the label at the left.
+    y_title: Vec<String>,
     guides: Vec<PlacedGuide<'a>>,
     /// Left edge of what stands right of the frame: names of level guides, the color bar, the legend.
     beside: f64,
@@ -124,7 +128,10 @@ impl<'a> Page<'a> {
         let least_height = LEAST_FRAME_HEIGHT.max(LEAST_FRAME_SHARE * paper_height);
         let tentative = (paper_height - above - under_numbers - line_height(TICK_SIZE)).max(least_height);
         let y_ticks = axis::ticks(&chart.y, y, label_count(y, tentative), &own_y(chart));
-        let left = BORDER + line_height(LABEL_SIZE) + GAP + widest(&y_ticks.major, TICK_SIZE) + 2.0 + TICK_LENGTH;
+        // The frame is at least that high, so the label stays beside it.
+        let y_title = text::wrapped(&axis::title(&chart.y, y_ticks.exponent), LABEL_SIZE, least_height);
+        let left =
+            BORDER + y_title.len().max(1) as f64 * line_height(LABEL_SIZE) + GAP + widest(&y_ticks.major, TICK_SIZE) + 2.0 + TICK_LENGTH;
         let color_ticks = chart.heat.as_ref().map(|heat| color_ticks(heat, tentative)).unwrap_or_default();
         let beside_width = beside_width(chart, &color_ticks) + legend.width_beside();
         let room = width - left - BORDER - beside_width;
@@ -140,7 +147,21 @@ impl<'a> Page<'a> {
         let height = paper_height.max(top + below + least_height.max(legend.least_frame_height()));
         let frame = Frame { low: [left, top], high: [right, height - below], x, y };
         let beside = right + 2.0 * GAP;
-        Self { size: [width, height], title, notes, legend, beside, frame, x_ticks, x_labels, x_label_size, y_ticks, guides, color_ticks }
+        Self {
+            size: [width, height],
+            title,
+            notes,
+            legend,
+            beside,
+            frame,
+            x_ticks,
+            x_labels,
+            x_label_size,
+            y_ticks,
+            y_title,
+            guides,
+            color_ticks,
+        }
     }
 }
 
@@ -270,12 +291,19 @@ fn placed_guides(chart: &Chart, x: Span, left: f64, right: f64, width: f64) -> V
     if overflows {
         guides.reverse();
     }
-    let (anchor, sign) = if overflows { (Anchor::End, -1.0) } else { (Anchor::Start, 1.0) };
     let mut placed: Vec<PlacedGuide<'_>> = Vec::new();
     for guide in guides {
-        let end = sign * place(guide) + text::width(&guide.label, TICK_SIZE) + 2.0 * GAP;
-        let under = placed.iter().filter(|other| end > sign * place(other.guide)).map(|other| other.row + 1).max();
-        placed.push(PlacedGuide { guide, row: under.unwrap_or(0), anchor });
+        let size = fitting_size(&guide.label, TICK_SIZE, width - 2.0 * BORDER);
+        let (x, length) = (place(guide), text::width(&guide.label, size));
+        let wanted = if overflows { x - 2.5 - length } else { x + 2.5 };
+        let start = wanted.min(width - BORDER - length).max(BORDER);
+        // It goes above every label that it would touch and above every leader that it would cross.
+        let touches = |other: &&PlacedGuide<'_>| {
+            let (leader, end) = (place(other.guide), other.start + text::width(&other.guide.label, other.size));
+            start < leader.max(end) + 2.0 * GAP && leader.min(other.start) - 2.0 * GAP < start + length
+        };
+        let under = placed.iter().filter(touches).map(|other| other.row + 1).max();
+        placed.push(PlacedGuide { guide, row: under.unwrap_or(0), start, size });
     }
     placed
 }
@@ -397,17 +425,13 @@ fn draw_frame(canvas: &mut Canvas, frame: &Frame) {
 
 fn draw_guides(canvas: &mut Canvas, page: &Page<'_>) {
     let frame = &page.frame;
-    for PlacedGuide { guide, row, anchor } in &page.guides {
+    for PlacedGuide { guide, row, start, size } in &page.guides {
         let x = frame.at_x(guide.at);
         let baseline = frame.low[1] - 4.0 - *row as f64 * line_height(TICK_SIZE);
         let top = baseline - CAPITAL_HEIGHT * TICK_SIZE;
         canvas.dashed(vec![[x, frame.high[1]], [x, frame.low[1]]], palette::dashes(1), 0.8, GREY);
         canvas.stroke(vec![[x, frame.low[1]], [x, top]], 0.6, GREY);
-        let size = fitting_size(&guide.label, TICK_SIZE, page.size[0] - 2.0 * BORDER);
-        let width = text::width(&guide.label, size);
-        let start = if *anchor == Anchor::Start { x + 2.5 } else { x - 2.5 - width };
-        let start = start.min(page.size[0] - BORDER - width).max(BORDER);
-        write(canvas, &guide.label, [start, baseline], Anchor::Start, size, BLACK);
+        write(canvas, &guide.label, [*start, baseline], Anchor::Start, *size, BLACK);
     }
 }
 
@@ -615,7 +639,7 @@ fn draw_texts(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
         top += line_height(TITLE_SIZE);
     }
     let bottom = draw_x_labels(canvas, chart, page);
-    draw_y_labels(canvas, chart, page);
+    draw_y_labels(canvas, page);
     draw_legend(canvas, chart, page, bottom);
     let notes_top = page.size[1] - BORDER - lines_height(&page.notes, NOTE_SIZE);
     for (index, line) in page.notes.iter().enumerate() {
@@ -661,7 +685,7 @@ fn draw_x_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) -> f64 {
     under_ticks + 1.0 + line_height(LABEL_SIZE)
 }
 
-fn draw_y_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
+fn draw_y_labels(canvas: &mut Canvas, page: &Page<'_>) {
     let (frame, ticks) = (&page.frame, &page.y_ticks);
     let left = frame.low[0];
     for value in &ticks.minor {
@@ -673,13 +697,10 @@ fn draw_y_labels(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>) {
         canvas.stroke(vec![[left - TICK_LENGTH, y], [left, y]], 0.8, BLACK);
         write(canvas, &tick.label, [left - TICK_LENGTH - 2.0, y + CAPITAL_HEIGHT * TICK_SIZE / 2.0], Anchor::End, TICK_SIZE, BLACK);
     }
-    let title = axis::title(&chart.y, ticks.exponent);
-    let room = page.size[1] - 2.0 * BORDER;
-    let size = fitting_size(&title, LABEL_SIZE, room);
-    let half = text::width(&title, size) / 2.0;
-    let middle = ((frame.low[1] + frame.high[1]) / 2.0)
-        .clamp((BORDER + half).min(page.size[1] / 2.0), (page.size[1] - BORDER - half).max(page.size[1] / 2.0));
-    write_turned(canvas, &title, [BORDER + LABEL_SIZE, middle], size);
+    for (index, line) in page.y_title.iter().enumerate() {
+        let baseline = BORDER + LABEL_SIZE + index as f64 * line_height(LABEL_SIZE);
+        write_turned(canvas, line, [baseline, (frame.low[1] + frame.high[1]) / 2.0], LABEL_SIZE);
+    }
 }
 
 /// The size at which a line fits, at most `size`.

@@ -1,18 +1,19 @@
 //! One stage by itself: its parameters substituted, checked against the schema and read by its kind.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use super::World;
 use crate::catalogue::nearest;
+use crate::engine::axes::scalar_of;
 use crate::engine::diagnostic::{escape, quoted};
 use crate::engine::registry::Kind;
 use crate::engine::schema::{FieldPath, Role, RoleField, check, to_yaml};
 use crate::engine::source::{Finding, Findings, Place, Sources, did_you_mean, unreadable};
 use crate::engine::stage::AnyStage;
 use crate::engine::substitution::{Scope, Template, substitute};
-use crate::engine::yaml::{Node, Value};
+use crate::engine::yaml::{Entry, Node, Value};
 
 /// A stage before its references are resolved.
 pub struct Draft<'r> {
@@ -47,20 +48,90 @@ pub fn draft<'r>(
     if findings.error_count() > error_count || own_axes.iter().any(|axis| world.axes[*axis].values.is_empty()) {
         return None;
     }
-    let base = template.at(&world.axes, &|_| 0);
+    let left = Remaining::new(world, &own_axes, entry.exclude.as_ref());
+    let first = left.first(None).unwrap_or_else(|| left.zero());
+    let base = template.at(&world.axes, &|axis| first[&axis]);
     let checker = Checker { world, kind, stage: &entry.name };
     let (roles, instance) = checker.checked(&base, files, findings);
     for axis in &own_axes {
-        for value in 1..world.axes[*axis].values.len() {
+        for value in (0..world.axes[*axis].values.len()).filter(|value| *value != first[axis]) {
             if findings.is_full() {
                 break;
             }
-            let node = template.at(&world.axes, &|other| if other == *axis { value } else { 0 });
-            checker.checked(&node, files, findings);
+            // A value that `exclude` leaves nowhere need not be right.
+            let Some(chosen) = left.first(Some((*axis, value))) else { continue };
+            checker.checked(&template.at(&world.axes, &|axis| chosen[&axis]), files, findings);
         }
     }
     let instance = instance.filter(|_| findings.error_count() == error_count);
     Some(Draft { kind, template, own_axes, base, roles, instance })
+}
+
+/// Most coordinates that are tried to find one that `exclude` leaves.
+const TRIED: usize = 100_000;
+
+/// The coordinates that a stage's own `exclude` leaves, over the axes that its parameters mention.
+struct Remaining<'a> {
+    /// Number of values of each axis.
+    counts: Vec<(usize, usize)>,
+    exclusions: Vec<BTreeMap<usize, Vec<usize>>>,
+    own_axes: &'a BTreeSet<usize>,
+}
+
+impl<'a> Remaining<'a> {
+    /// Reads what is right of `exclude`; what is wrong with it is reported where references are resolved.
+    fn new(world: &World<'_, '_>, own_axes: &'a BTreeSet<usize>, exclude: Option<&Node>) -> Self {
+        let counts = own_axes.iter().map(|axis| (*axis, world.axes[*axis].values.len())).collect();
+        let exclusion = |item: &Node| -> Option<BTreeMap<usize, Vec<usize>>> {
+            let entries = item.map()?.iter();
+            let values = |entry: &Entry| {
+                let axis = world.axis_index(&entry.key).ok()?;
+                let index = |value: &Node| world.axes[axis].index_of(&scalar_of(value)?.to_string());
+                Some((axis, texts(&entry.node).into_iter().map(index).collect::<Option<_>>()?))
+            };
+            entries.map(values).collect()
+        };
+        let items = exclude.and_then(Node::list).map(|items| &**items).unwrap_or_default();
+        Self { counts, exclusions: items.iter().filter_map(exclusion).collect(), own_axes }
+    }
+
+    /// The first value of every axis.
+    fn zero(&self) -> BTreeMap<usize, usize> {
+        self.own_axes.iter().map(|axis| (*axis, 0)).collect()
+    }
+
+    /// The first coordinate that is left, with the given value on the given axis.
+    fn first(&self, fixed: Option<(usize, usize)>) -> Option<BTreeMap<usize, usize>> {
+        let mut coordinate = self.zero();
+        coordinate.extend(fixed);
+        for _ in 0..TRIED {
+            if !self.is_excluded(&coordinate) {
+                return Some(coordinate);
+            }
+            let turned = self.counts.iter().rev().filter(|(axis, _)| fixed.is_none_or(|(pinned, _)| pinned != *axis));
+            let mut is_over = true;
+            for (axis, count) in turned {
+                let value = coordinate.get_mut(axis).expect("a coordinate has every axis");
+                *value = (*value + 1) % count;
+                if *value != 0 {
+                    is_over = false;
+                    break;
+                }
+            }
+            if is_over {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// Whether an exclusion over no other axes drops the coordinate.
+    fn is_excluded(&self, coordinate: &BTreeMap<usize, usize>) -> bool {
+        let drops = |exclusion: &BTreeMap<usize, Vec<usize>>| {
+            exclusion.iter().all(|(axis, values)| coordinate.get(axis).is_some_and(|value| values.contains(value)))
+        };
+        self.exclusions.iter().any(drops)
+    }
 }
 
 /// Checks parameter blocks of one stage.

@@ -7,6 +7,8 @@
 mod draft;
 mod expand;
 mod resolve;
+#[cfg(test)]
+mod tests;
 mod typing;
 
 use std::collections::HashMap;

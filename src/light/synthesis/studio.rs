@@ -57,7 +57,7 @@ impl Softbox {
         let u = place.dot(self.half_width) / self.half_width.length_squared();
         let v = place.dot(self.half_height) / self.half_height.length_squared();
         let is_inside = distance > 0.0 && u.abs() <= 1.0 && v.abs() <= 1.0;
-        is_inside.then(|| (distance, 1.0 - FALL_OFF * 0.5 * (u * u + v * v)))
+        is_inside.then_some((distance, 1.0 - FALL_OFF * 0.5 * (u * u + v * v)))
     }
 
     /// Irradiance at `p` with normal `n` for unit radiance; the cloth's mean brightness included.

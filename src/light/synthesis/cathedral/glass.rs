@@ -7,6 +7,7 @@
 use glam::{Vec2, Vec3};
 
 use crate::light::synthesis::cathedral::building::{self, Opening};
+use crate::math::elementary;
 use crate::math::noise::lattice_uniform;
 
 /// One window of the building.
@@ -25,9 +26,9 @@ pub struct Window {
 /// Mean transmittance of a window, its tracery included, for light that is not looked at pane by pane.
 pub fn mean_transmittance(opening: Option<Opening>) -> Vec3 {
     match opening {
-        Some(opening) if opening == building::CLERESTORY_WINDOW => Vec3::new(0.34, 0.30, 0.25),
-        Some(_) => Vec3::new(0.27, 0.20, 0.25),
-        None => Vec3::new(0.27, 0.19, 0.26),
+        Some(opening) if opening == building::CLERESTORY_WINDOW => Vec3::new(0.40, 0.32, 0.31),
+        Some(_) => Vec3::new(0.36, 0.27, 0.32),
+        None => Vec3::new(0.22, 0.16, 0.25),
     }
 }
 
@@ -117,7 +118,7 @@ fn medallions(window: &Window, x: f32, half_width: f32, seed: u64) -> Vec3 {
     let drawn = pane(window, i, j, seed);
     let is_grisaille = window.opening == Some(building::CLERESTORY_WINDOW);
     let color =
-        if is_grisaille && drawn < 0.72 { Vec3::new(0.56, 0.58, 0.50) } else { palette(if (i + j) % 2 == 0 { 0.15 } else { 0.5 * drawn }) };
+        if is_grisaille && drawn < 0.85 { Vec3::new(0.56, 0.64, 0.48) } else { palette(if (i + j) % 2 == 0 { 0.15 } else { 0.5 * drawn }) };
     color * shade(window, i, j, seed)
 }
 
@@ -190,7 +191,6 @@ fn rose(window: &Window, seed: u64) -> Option<Vec3> {
 
 /// Which of `count` equal sectors holds `q`, and how far `q` lies from that sector's middle line.
 fn sector(q: Vec2, count: i32) -> (i32, f32) {
-    use crate::math::elementary;
     let turn = std::f64::consts::TAU / f64::from(count);
     let index = (elementary::atan2(f64::from(q.y), f64::from(q.x)) / turn).round();
     let (sine, cosine) = elementary::sin_cos(index * turn);
@@ -211,14 +211,16 @@ fn shade(window: &Window, i: i32, j: i32, seed: u64) -> f32 {
 /// Colors of old glass by a number in [0, 1): mostly blue and ruby, some green, amber, violet, white.
 fn palette(hue: f32) -> Vec3 {
     match (hue * 16.0) as i32 {
-        0..=2 => Vec3::new(0.035, 0.15, 0.60),
-        3 => Vec3::new(0.07, 0.30, 0.74),
-        4 => Vec3::new(0.20, 0.45, 0.78),
-        5 | 6 => Vec3::new(0.62, 0.05, 0.10),
-        7..=9 => Vec3::new(0.85, 0.07, 0.03),
+        0..=2 => Vec3::new(0.03, 0.22, 0.56),
+        3 => Vec3::new(0.06, 0.38, 0.68),
+        4 => Vec3::new(0.16, 0.50, 0.70),
+        5 => Vec3::new(0.62, 0.05, 0.10),
+        6 => Vec3::new(0.20, 0.50, 0.25),
+        7 | 8 => Vec3::new(0.85, 0.07, 0.03),
+        9 => Vec3::new(0.78, 0.40, 0.10),
         10 => Vec3::new(0.09, 0.42, 0.14),
         11 => Vec3::new(0.30, 0.55, 0.22),
-        12 => Vec3::new(0.36, 0.12, 0.48),
+        12 => Vec3::new(0.22, 0.30, 0.44),
         13 => Vec3::new(0.90, 0.50, 0.08),
         14 => Vec3::new(0.95, 0.72, 0.20),
         _ => Vec3::new(0.92, 0.88, 0.74),
