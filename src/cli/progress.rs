@@ -84,8 +84,9 @@ impl Progress {
 
     /// A line for a job that did something; for all jobs if more is to be said.
     fn line(&self, job: &str, outcome: Outcome, reason: &str, seconds: f64, (done, total): (usize, usize)) {
-        let is_shown = if self.screen.is_terminal { self.talk.verbose && self.painter.is_none() } else { outcome != Outcome::Hit };
-        if !is_shown && !(self.talk.verbose && !self.screen.is_terminal) {
+        let is_bar = self.painter.is_some();
+        let is_shown = self.talk.verbose || (outcome != Outcome::Hit && !self.screen.is_terminal);
+        if is_bar || !is_shown {
             return;
         }
         let time = if outcome == Outcome::Ran { format!("  {seconds:.2} s") } else { String::new() };

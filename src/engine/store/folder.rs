@@ -3,6 +3,7 @@
 //! `cas/ab/<digest>`, `ac/ab/<key>`, `publications/ab/<key>`, `notes/NAME`; what is being written stands in
 //! `tmp`, what was damaged in `bad`. The folder comes into being with the first object.
 
+use std::collections::BTreeSet;
 use std::fs::{self, DirBuilder, File};
 use std::io::{self, BufReader, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
@@ -22,8 +23,9 @@ const LAYOUT: &str = "v1";
 const CACHE_TAG: &str = "Signature: 8a477f597d28d172789f06886806bc55\n\
     # This folder is the store of `pipeline`: all in it can be computed again.\n";
 
-/// Few files are made durable one by one; from here on one sync of the whole file system is cheaper.
-const SYNC_ONE_BY_ONE: usize = 8;
+/// Beyond so many files one sync of the whole file system is cheaper than a sync of each. Below, it would wait for
+/// whatever other programs have written, which on a busy machine takes seconds.
+const SYNC_ONE_BY_ONE: usize = 256;
 
 /// A store in a local folder.
 pub struct FolderStore {
@@ -117,11 +119,14 @@ impl Objects for FolderStore {
         if objects.len() > SYNC_ONE_BY_ONE {
             return sync_file_system(&self.root);
         }
+        let mut folders = BTreeSet::new();
         for (shelf, name) in objects {
             let path = self.path_of(*shelf, name);
-            sync_file(&path).map_err(SystemError::at("sync", &path))?;
+            sync_if_there(&path, File::sync_data).map_err(SystemError::at("sync", &path))?;
+            folders.extend(path.parent().map(Path::to_owned));
         }
-        Ok(())
+        // The entries that name the files.
+        folders.into_iter().try_for_each(|folder| sync_if_there(&folder, File::sync_all).map_err(SystemError::at("sync", &folder)))
     }
 
     fn has_any(&self, shelf: Shelf) -> bool {
@@ -129,15 +134,13 @@ impl Objects for FolderStore {
     }
 }
 
-/// Bytes of the file, and the entry of the folder that names it.
-fn sync_file(path: &Path) -> io::Result<()> {
+/// Another process may have found an object damaged meanwhile and set it aside: then there is nothing to keep.
+fn sync_if_there(path: &Path, sync: impl Fn(&File) -> io::Result<()>) -> io::Result<()> {
     match File::open(path) {
-        Ok(file) => file.sync_data()?,
-        // Another process found it damaged meanwhile, or gc took it: there is nothing to keep.
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        Err(error) => return Err(error),
+        Ok(file) => sync(&file),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(error),
     }
-    File::open(path.parent().expect("objects stand in folders"))?.sync_all()
 }
 
 #[cfg(target_os = "linux")]
