@@ -48,7 +48,7 @@ fn hdr_flip_of_a_511_sphere(bencher: Bencher, exposures: usize) {
 #[divan::bench(args = [Metric::Rmse, Metric::Relmse, Metric::Smape, Metric::Psnr])]
 fn metric_of_a_511_sphere(bencher: Bencher, metric: &Metric) {
     let (of, to) = (Image::opaque(noise(511, 511, 1)), Image::opaque(noise(511, 511, 2)));
-    let settings = MetricSettings { peak: Some(1.0), ..MetricSettings::default() };
+    let settings = MetricSettings::default();
     bencher.bench(|| {
         let compared = Compared::new(&of, &to).expect("both have one size");
         metrics::measure(*metric, &compared, &settings, || Ok::<(), MetricError>(()))

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::math::elementary;
+use crate::math::statistics;
 
 /// A mean of repeated measurements.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,7 +33,7 @@ pub fn mean_interval(values: &[f64], level: f64) -> Option<MeanInterval> {
     }
     let variance = values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / (count - 1) as f64;
     let standard_error = (variance / count as f64).sqrt();
-    let reach = student_t_quantile(0.5 + level / 2.0, (count - 1) as f64) * standard_error;
+    let reach = statistics::student_t_quantile(0.5 + level / 2.0, (count - 1) as f64) * standard_error;
     Some(MeanInterval { mean, count, standard_error: Some(standard_error), interval: Some([mean - reach, mean + reach]) })
 }
 
@@ -53,88 +54,17 @@ pub struct PowerLaw {
 pub fn power_law(points: &[[f64; 2]]) -> Option<PowerLaw> {
     let logs: Vec<[f64; 2]> =
         points.iter().filter(|point| point[0] > 0.0 && point[1] > 0.0).map(|point| point.map(elementary::ln)).collect();
-    let count = logs.len() as f64;
-    let mean = [0, 1].map(|k| logs.iter().map(|point| point[k]).sum::<f64>() / count);
-    let sum_xx: f64 = logs.iter().map(|[x, _]| (x - mean[0]) * (x - mean[0])).sum();
-    let sum_xy: f64 = logs.iter().map(|[x, y]| (x - mean[0]) * (y - mean[1])).sum();
-    if logs.len() < 2 || sum_xx <= 0.0 {
-        return None;
-    }
-    let slope = sum_xy / sum_xx;
-    let intercept = mean[1] - slope * mean[0];
-    let residuals: f64 = logs.iter().map(|[x, y]| y - intercept - slope * x).map(|residual| residual * residual).sum();
-    let slope_error = (logs.len() > 2).then(|| (residuals / (count - 2.0) / sum_xx).sqrt());
+    let [x, y] = [0, 1].map(|k| logs.iter().map(|point| point[k]).collect::<Vec<_>>());
+    let line = statistics::slope(&x, &y)?;
+    let slope_error = (logs.len() > 2).then_some(line.standard_error);
     let used = points.iter().filter(|point| point[0] > 0.0 && point[1] > 0.0).map(|point| point[0]);
     let range = used.fold([f64::INFINITY, 0.0_f64], |[low, high], x| [low.min(x), high.max(x)]);
-    Some(PowerLaw { coefficient: elementary::exp(intercept), slope, slope_error, range })
-}
-
-/// The t with P(T <= t) = `probability` for Student's distribution; `probability` in [0.5, 1).
-fn student_t_quantile(probability: f64, degrees: f64) -> f64 {
-    let tail = |t: f64| incomplete_beta(degrees / (degrees + t * t), degrees / 2.0, 0.5) / 2.0;
-    let mut high = 1.0;
-    while tail(high) > 1.0 - probability && high < 1e300 {
-        high *= 2.0;
-    }
-    let mut low = 0.0;
-    // Halving ends when the two are neighbors: 60 halvings of a factor of two, and a few for the first interval.
-    for _ in 0..64 {
-        let middle = (low + high) / 2.0;
-        if tail(middle) > 1.0 - probability { low = middle } else { high = middle }
-    }
-    (low + high) / 2.0
-}
-
-/// The regularized incomplete beta function I_x(a, b), by Lentz's continued fraction.
-///
-/// Abramowitz and Stegun 26.5.8; the fraction converges for x < (a + 1) / (a + b + 2), elsewhere I_x(a, b) = 1 - I_{1-x}(b, a).
-fn incomplete_beta(x: f64, a: f64, b: f64) -> f64 {
-    if x <= 0.0 || x >= 1.0 {
-        return if x <= 0.0 { 0.0 } else { 1.0 };
-    }
-    if x > (a + 1.0) / (a + b + 2.0) {
-        return 1.0 - incomplete_beta(1.0 - x, b, a);
-    }
-    let ln_beta = elementary::ln_gamma(a) + elementary::ln_gamma(b) - elementary::ln_gamma(a + b);
-    let front = elementary::exp(a * elementary::ln(x) + b * elementary::ln_1p(-x) - ln_beta) / a;
-    let apart = |value: f64| if value.abs() < 1e-300 { 1e-300 } else { value };
-    let (mut c, mut d, mut fraction) = (1.0, 1.0 / apart(1.0 - (a + b) * x / (a + 1.0)), 1.0);
-    fraction *= d;
-    for m in 1..500 {
-        let m = f64::from(m);
-        let even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));
-        let odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
-        let before = fraction;
-        for step in [even, odd] {
-            d = 1.0 / apart(1.0 + step * d);
-            c = apart(1.0 + step / c);
-            fraction *= c * d;
-        }
-        if (fraction - before).abs() <= 1e-16 * fraction.abs() {
-            break;
-        }
-    }
-    front * fraction
+    Some(PowerLaw { coefficient: elementary::exp(line.intercept), slope: line.slope, slope_error, range })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn student_quantiles_are_those_of_closed_forms_and_tables() {
-        // One degree: tan(pi (p - 1/2)). Two: (2p - 1) sqrt(2 / (1 - (2p - 1)^2)).
-        let one = elementary::tan(std::f64::consts::PI * 0.475);
-        let two = 0.95 * (2.0_f64 / (1.0 - 0.95 * 0.95)).sqrt();
-        assert!((student_t_quantile(0.975, 1.0) / one - 1.0).abs() < 1e-11);
-        assert!((student_t_quantile(0.975, 2.0) / two - 1.0).abs() < 1e-11);
-        // Published tables (Abramowitz and Stegun 26.10), three digits after the point.
-        for (degrees, quantile) in [(5.0, 2.571), (15.0, 2.131), (30.0, 2.042), (120.0, 1.980)] {
-            assert!((student_t_quantile(0.975, degrees) - quantile).abs() < 6e-4, "{degrees}");
-        }
-        assert!((student_t_quantile(0.975, 1e7) - 1.959_963_98).abs() < 1e-5);
-        assert!((student_t_quantile(0.995, 15.0) - 2.947).abs() < 6e-4);
-    }
 
     #[test]
     fn a_power_law_is_found_again() {

@@ -7,7 +7,7 @@
 
 use std::io::Cursor;
 
-use ::png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations};
+use ::png::{BitDepth, ColorType, Compression, Decoder, DecodingError, Encoder, Transformations};
 
 use super::{Decoded, ENTRY_PREFIX, Encoded, Entry, Format, FormatError, Limits};
 use crate::image::display;
@@ -79,6 +79,8 @@ pub fn write_picture(picture: &Picture, entries: &[Entry<'_>]) -> Result<Encoded
     let side = |count: usize| u32::try_from(count).map_err(|_| FormatError::Unwritable(format!("{count} pixels are too many for PNG")));
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, side(picture.width)?, side(picture.height)?);
+    // A run writes hundreds of pictures: ten times the speed for files a tenth larger.
+    encoder.set_compression(Compression::Fast);
     encoder.set_color(if picture.alpha.is_some() { ColorType::Rgba } else { ColorType::Rgb });
     for (name, text) in entries {
         let keyword = format!("{ENTRY_PREFIX}{name}");

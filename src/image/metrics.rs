@@ -26,7 +26,7 @@ pub enum Metric {
     Relmse,
     /// Symmetric mean absolute percentage error: mean of 2 |x - r| / (|x| + |r| + 0.01), from 0 to 2 (not in percent).
     Smape,
-    /// Peak signal-to-noise ratio 10 log10(peak² / MSE), in dB; needs `peak`. Has no map.
+    /// Peak signal-to-noise ratio 10 log10(peak² / MSE), in dB, relative to `peak`. Has no map.
     Psnr,
     /// FLIP (Andersson et al. 2020), mean from 0 to 1, of what a display shows: linear images clamped to [0, 1],
     /// pictures read as sRGB.
@@ -98,9 +98,6 @@ pub enum MetricError {
     /// No pixel is covered in both.
     #[error("no pixel is covered in both `of` and `to`; there is nothing to compare")]
     NothingCovered,
-    /// PSNR without a peak.
-    #[error("`psnr` needs the `peak` of the signal; it is 1 for pictures")]
-    PeakMissing,
     /// Neither image says how sure it is.
     #[error("`mean-z` needs the layer `{STANDARD_ERROR}` in `of` or `to`; `average` adds it")]
     StandardErrorMissing,
@@ -216,7 +213,7 @@ pub struct MetricSettings {
     /// Pixels in one degree of the visual field for FLIP, 1 to 1000.
     pub pixels_per_degree: f64,
     /// Greatest value of the signal for PSNR, above 0.
-    pub peak: Option<f64>,
+    pub peak: f64,
     /// Darkest exposure of HDR-FLIP in stops; by default found from the reference.
     pub start_stops: Option<f64>,
     /// Brightest exposure of HDR-FLIP in stops; by default found from the reference.
@@ -227,7 +224,7 @@ pub struct MetricSettings {
 
 impl Default for MetricSettings {
     fn default() -> Self {
-        Self { pixels_per_degree: flip::DEFAULT_PIXELS_PER_DEGREE, peak: None, start_stops: None, stop_stops: None, exposure_count: None }
+        Self { pixels_per_degree: flip::DEFAULT_PIXELS_PER_DEGREE, peak: 1.0, start_stops: None, stop_stops: None, exposure_count: None }
     }
 }
 
@@ -270,7 +267,7 @@ pub fn measure<E: Send + From<MetricError>>(
         Metric::Relmse => mean_of(compared.map_of_channels(|x, r| (x - r) * (x - r) / (r * r + RELATIVE_EPSILON))),
         Metric::Smape => mean_of(compared.map_of_channels(|x, r| 2.0 * (x - r).abs() / (x.abs() + r.abs() + RELATIVE_EPSILON))),
         Metric::Psnr => {
-            let peak = settings.peak.ok_or(MetricError::PeakMissing)?;
+            let peak = settings.peak;
             let mse = compared.mean(&squared_error(compared));
             found(10.0 * elementary::log10(peak * peak / mse), None)
         }
@@ -333,16 +330,7 @@ fn standard_error(image: &Image) -> Option<&Raster> {
 
 /// The encoded values of a picture as they stand, from 0 to 1.
 pub fn encoded_values(picture: &Picture) -> Image {
-    with_values(picture, |v| v)
-}
-
-/// The linear light of a picture whose encoding is sRGB.
-pub fn light_of_srgb(picture: &Picture) -> Image {
-    with_values(picture, color::srgb_decode)
-}
-
-fn with_values(picture: &Picture, f: impl Fn(f64) -> f64) -> Image {
-    let table = |greatest: u16| -> Vec<f32> { (0..=greatest).map(|code| f(f64::from(code) / f64::from(greatest)) as f32).collect() };
+    let table = |greatest: u16| -> Vec<f32> { (0..=greatest).map(|code| (f64::from(code) / f64::from(greatest)) as f32).collect() };
     let (pixels, greatest): (Vec<[f32; 3]>, u16) = match &picture.samples {
         PictureSamples::Eight(samples) => {
             let table = table(255);
@@ -362,13 +350,14 @@ fn with_values(picture: &Picture, f: impl Fn(f64) -> f64) -> Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::display;
 
     fn image(pixels: &[[f32; 3]]) -> Image {
         Image::opaque(Raster::new(pixels.len(), 1, pixels.to_vec()))
     }
 
     fn value(metric: Metric, of: &Image, to: &Image) -> f64 {
-        measured(metric, of, to, &MetricSettings { peak: Some(1.0), ..MetricSettings::default() }).value
+        measured(metric, of, to, &MetricSettings::default()).value
     }
 
     fn measured(metric: Metric, of: &Image, to: &Image, settings: &MetricSettings) -> Measurement {
@@ -388,7 +377,7 @@ mod tests {
         assert_near(value(Metric::Relmse, &of, &to), 0.0625 / (0.0625 + 0.01));
         assert_near(value(Metric::Smape, &of, &to), 2.0 * 0.25 / (0.5 + 0.25 + 0.01));
         assert_near(value(Metric::Psnr, &of, &to), 10.0 * elementary::log10(16.0));
-        let settings = MetricSettings { peak: Some(10.0), ..MetricSettings::default() };
+        let settings = MetricSettings { peak: 10.0, ..MetricSettings::default() };
         assert_near(measured(Metric::Psnr, &of, &to, &settings).value, 10.0 * elementary::log10(1600.0));
     }
 
@@ -445,7 +434,6 @@ mod tests {
         let compared = Compared::new(&fine, &fine).unwrap();
         let of_metric = |metric| measure(metric, &compared, &MetricSettings::default(), || Ok(())).err();
         assert_eq!(of_metric(Metric::MeanZ), Some(MetricError::StandardErrorMissing));
-        assert_eq!(of_metric(Metric::Psnr), Some(MetricError::PeakMissing));
     }
 
     #[test]
@@ -475,7 +463,7 @@ mod tests {
         let encoded = encoded_values(&picture);
         assert_eq!(encoded.color.pixel(0, 0), [0.0, (188.0_f64 / 255.0) as f32, 1.0]);
         assert_eq!(encoded.alpha.unwrap().values, [0.2]);
-        let [black, grey, white] = light_of_srgb(&picture).color.pixel(0, 0);
+        let [black, grey, white] = display::decoded(&picture).color.pixel(0, 0);
         assert!(black == 0.0 && (grey - 0.502_886).abs() < 1e-6 && white == 1.0);
         let deep = Picture { samples: PictureSamples::Sixteen(vec![[0, 32768, 65535]]), ..picture };
         assert_eq!(encoded_values(&deep).color.pixel(0, 0), [0.0, (32768.0_f64 / 65535.0) as f32, 1.0]);

@@ -538,4 +538,19 @@ mod tests {
         assert_eq!(chi_square_test(&[], &[]).p_value, 1.0);
         assert_eq!(chi_square_test(&[3], &[3.0]).degrees_of_freedom, 0);
     }
+
+    #[test]
+    fn student_quantiles_are_those_of_closed_forms_and_tables() {
+        // One degree: tan(pi (p - 1/2)). Two: (2p - 1) sqrt(2 / (1 - (2p - 1)^2)).
+        let one = elementary::tan(std::f64::consts::PI * 0.475);
+        let two = 0.95 * (2.0_f64 / (1.0 - 0.95 * 0.95)).sqrt();
+        assert!((student_t_quantile(0.975, 1.0) / one - 1.0).abs() < 1e-11);
+        assert!((student_t_quantile(0.975, 2.0) / two - 1.0).abs() < 1e-11);
+        // Published tables (Abramowitz and Stegun 26.10), three digits after the point.
+        for (degrees, quantile) in [(5.0, 2.571), (15.0, 2.131), (30.0, 2.042), (120.0, 1.980)] {
+            assert!((student_t_quantile(0.975, degrees) - quantile).abs() < 6e-4, "{degrees}");
+        }
+        assert!((student_t_quantile(0.975, 1e7) - 1.959_963_98).abs() < 1e-5);
+        assert!((student_t_quantile(0.995, 15.0) - 2.947).abs() < 6e-4);
+    }
 }

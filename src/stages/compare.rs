@@ -11,6 +11,7 @@ use crate::engine::job::Job;
 use crate::engine::parameter::Port;
 use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
 use crate::figure::table::{Cell, Column, Table};
+use crate::image::display;
 use crate::image::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::image::metrics::{self, Compared, Measurement, Metric, MetricError, MetricSettings};
 use crate::image::raster::{Image, Plane, Raster};
@@ -44,7 +45,7 @@ pub struct Compare {
     #[serde(default = "default_pixels_per_degree")]
     #[schemars(range(min = 1, max = 1000), extend("x-unit" = "px/deg"))]
     pub pixels_per_degree: f64,
-    /// Greatest value of the signal, for `psnr`, which needs it; 1 for pictures.
+    /// Greatest value of the signal, for `psnr`; 1 by default, which is right for pictures and must be set for anything brighter.
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub peak: Option<f64>,
@@ -85,7 +86,6 @@ impl Stage for Compare {
         let has_psnr = self.metrics.contains(&Metric::Psnr);
         let rules = [
             (is_repeated, "metrics", "a metric stands in the list twice", "name each once"),
-            (has_psnr && self.peak.is_none(), "metrics", "`psnr` needs the peak of the signal", "add `peak`: 1 for pictures"),
             (!has_psnr && self.peak.is_some(), "peak", "only `psnr` has a peak", "leave `peak` out, or add `psnr`"),
             (self.map == Some(Metric::Psnr), "map", "`psnr` says nothing of single pixels", "use `map: rmse`"),
             (is_empty_range, "hdr_flip_stop_stops", "the range of exposures ends before it starts", "exchange the two"),
@@ -93,6 +93,11 @@ impl Stage for Compare {
         ];
         let broken = rules.into_iter().filter(|(is_broken, ..)| *is_broken);
         broken.map(|(_, field, message, hint)| Mistake { field: field.into(), message: message.into(), hint: Some(hint.into()) }).collect()
+    }
+
+    fn caveats(&self) -> Vec<String> {
+        let is_assumed = self.metrics.contains(&Metric::Psnr) && self.peak.is_none();
+        is_assumed.then(|| "`psnr` is relative to a peak of 1; set `peak` where values go beyond".to_owned()).into_iter().collect()
     }
 
     fn memory(&self, inputs: &InputSizes) -> u64 {
@@ -142,7 +147,7 @@ impl Compare {
     fn settings(&self) -> MetricSettings {
         MetricSettings {
             pixels_per_degree: self.pixels_per_degree,
-            peak: self.peak,
+            peak: self.peak.unwrap_or(1.0),
             start_stops: self.hdr_flip_start_stops,
             stop_stops: self.hdr_flip_stop_stops,
             exposure_count: self.hdr_flip_exposure_count.map(|count| count.get() as usize),
@@ -155,7 +160,7 @@ fn comparable<'a>(metric: Metric, of: &'a LinearOrPicture, to: &'a LinearOrPictu
     match (of, to) {
         (LinearOrPicture::Linear(of), LinearOrPicture::Linear(to)) => Ok([Cow::Borrowed(of), Cow::Borrowed(to)]),
         (LinearOrPicture::Picture(of), LinearOrPicture::Picture(to)) => match metric {
-            Metric::Flip => Ok([of, to].map(|picture| Cow::Owned(metrics::light_of_srgb(picture)))),
+            Metric::Flip => Ok([of, to].map(|picture| Cow::Owned(display::decoded(picture)))),
             Metric::HdrFlip | Metric::MeanZ => {
                 let message = format!("`{}` is for linear images, not for pictures", metric.name());
                 Err(StageError::content_with_hint(message, "compare the images before `tone-map`"))
@@ -294,7 +299,7 @@ mod tests {
     #[test]
     fn parameters_that_contradict_each_other_are_mistakes() {
         let mistakes = |rest: &str| trial::mistakes::<Compare>(&format!("{{ of: a, to: b, {rest} }}"));
-        assert_eq!(mistakes("metrics: [psnr]"), ["metrics: `psnr` needs the peak of the signal"]);
+        assert!(mistakes("metrics: [psnr]").is_empty());
         assert_eq!(mistakes("metrics: [rmse, flip, rmse]"), ["metrics: a metric stands in the list twice"]);
         assert_eq!(mistakes("map: psnr"), ["map: `psnr` says nothing of single pixels"]);
         assert_eq!(mistakes("peak: 1"), ["peak: only `psnr` has a peak"]);

@@ -3,10 +3,11 @@
 use std::io::{self, Read, Write};
 
 use crate::engine::artifact::{Artifact, Origin, SaveError, Saved, TypeName};
+use crate::formats::npy;
+use crate::formats::npz;
 use crate::light::distribution::{Distribution, Parts};
 use crate::light::envmap::Angles;
 use crate::stages::artifacts::canonical::{Decoder, Encoder, invalid};
-use crate::stages::artifacts::numpy;
 
 const VERSION: u32 = 1;
 
@@ -46,7 +47,7 @@ impl Artifact for Distribution {
 
     fn save(&self, format: &str, _: &Origin) -> Result<Saved, SaveError> {
         match format {
-            "npz" => npz(self).map(Saved::from),
+            "npz" => Ok(npz(self).into()),
             "csv" => Ok(csv(self).into()),
             _ => Err(SaveError(format!("a distribution is not written as `{format}`"))),
         }
@@ -59,17 +60,20 @@ fn angles_of(byte: u8) -> io::Result<Angles> {
 }
 
 /// Marginal arrays of a number per row, conditional ones of a number per pixel.
-fn npz(distribution: &Distribution) -> Result<Vec<u8>, SaveError> {
+fn npz(distribution: &Distribution) -> Vec<u8> {
     let (width, height) = (distribution.width(), distribution.height());
-    let rows = || 0..height;
-    numpy::npz(&[
-        ("theta", numpy::npy(&[height], rows().map(|y| distribution.theta(y)))),
-        ("phi", numpy::npy(&[width], (0..width).map(|x| distribution.phi(x)))),
-        ("marginal_pmf", numpy::npy(&[height], rows().map(|y| distribution.marginal_pmf(y)))),
-        ("marginal_cdf", numpy::npy(&[height], rows().map(|y| distribution.marginal_cdf(y)))),
-        ("conditional_pmf", numpy::npy(&[height, width], rows().flat_map(|y| distribution.conditional_pmf(y)))),
-        ("conditional_cdf", numpy::npy(&[height, width], rows().flat_map(|y| distribution.conditional_cdf(y)))),
-        ("solid_angle", numpy::npy(&[height], rows().map(|y| distribution.solid_angle(y)))),
+    let per_row = |value: &dyn Fn(usize) -> f64| npy::write_f64(&[height], &(0..height).map(value).collect::<Vec<_>>());
+    let azimuths: Vec<f64> = (0..width).map(|x| distribution.phi(x)).collect();
+    let pmf: Vec<f64> = (0..height).flat_map(|y| distribution.conditional_pmf(y)).collect();
+    let cdf: Vec<f64> = (0..height).flat_map(|y| distribution.conditional_cdf(y)).collect();
+    npz::write(&[
+        ("theta", per_row(&|y| distribution.theta(y))),
+        ("phi", npy::write_f64(&[width], &azimuths)),
+        ("marginal_pmf", per_row(&|y| distribution.marginal_pmf(y))),
+        ("marginal_cdf", per_row(&|y| distribution.marginal_cdf(y))),
+        ("conditional_pmf", npy::write_f64(&[height, width], &pmf)),
+        ("conditional_cdf", npy::write_f64(&[height, width], &cdf)),
+        ("solid_angle", per_row(&|y| distribution.solid_angle(y))),
     ])
 }
 

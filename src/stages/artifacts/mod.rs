@@ -6,7 +6,6 @@ pub mod envmap;
 pub mod figure;
 pub mod image;
 pub mod lights;
-pub mod numpy;
 pub mod picture;
 pub mod samples;
 pub mod table;

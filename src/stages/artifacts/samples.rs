@@ -5,9 +5,9 @@ use std::io::{self, Read, Write};
 use glam::DVec3;
 
 use crate::engine::artifact::{Artifact, Origin, SaveError, Saved, TypeName};
+use crate::formats::npy;
 use crate::light::samples::{Frame, Sample, SampleSet};
 use crate::stages::artifacts::canonical::{Decoder, Encoder, invalid};
-use crate::stages::artifacts::numpy;
 
 const VERSION: u32 = 1;
 
@@ -120,7 +120,7 @@ fn npy(set: &SampleSet) -> Vec<u8> {
         let [r, g, b] = radiance.unwrap_or_default().map(f64::from);
         [f64::from(x), f64::from(y), u, v, d.x, d.y, d.z, pmf, pdf, r, g, b].into_iter().take(column_count)
     });
-    numpy::npy(&[set.samples.len(), column_count], numbers)
+    npy::write_f64(&[set.samples.len(), column_count], &numbers.collect::<Vec<_>>())
 }
 
 #[cfg(test)]
