@@ -38,9 +38,9 @@ impl OutputFolder {
     /// Makes the folder and finds out whether it can be written to; clears what dead processes left.
     pub fn prepare(&self) -> Result<(), SystemError> {
         fs::create_dir_all(&self.root).map_err(SystemError::at("create", &self.root))?;
-        self.folder(&[&self.pipeline]).map_err(SystemError::at("create", self.path()))?;
+        again_if_gone(|| self.folder(&[&self.pipeline])).map_err(SystemError::at("create", self.path()))?;
         let temporary = self.root.join(TEMPORARY);
-        self.folder(&[TEMPORARY]).map_err(SystemError::at("create", &temporary))?;
+        again_if_gone(|| self.folder(&[TEMPORARY])).map_err(SystemError::at("create", &temporary))?;
         remove_leftovers(&temporary);
         Ok(())
     }
@@ -70,7 +70,7 @@ impl OutputFolder {
             let file = rustix::fs::openat(&folder, name.as_str(), flags, Mode::from_raw_mode(0o666))?;
             io::Result::Ok((folder, File::from(file)))
         };
-        let (folder, file) = create().map_err(SystemError::at("create", &path))?;
+        let (folder, file) = again_if_gone(create).map_err(SystemError::at("create", &path))?;
         Ok(OutputDraft { outputs: self, folder, name, is_kept: false, file: HashingWriter::new(file) })
     }
 
@@ -91,7 +91,7 @@ impl OutputFolder {
                 made => Ok(made.map(|()| true)?),
             }
         };
-        make().map_err(SystemError::at("create", self.path().join(path)))
+        again_if_gone(make).map_err(SystemError::at("create", self.path().join(path)))
     }
 
     /// Removes a file and the folder that it leaves empty.
@@ -150,6 +150,18 @@ impl OutputFolder {
     }
 }
 
+/// Another run may remove a folder, being empty, between our making it and our using it.
+fn again_if_gone<T>(step: impl Fn() -> io::Result<T>) -> io::Result<T> {
+    const TRIES: usize = 100;
+    for _ in 1..TRIES {
+        match step() {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            done => return done,
+        }
+    }
+    step()
+}
+
 fn open_folder(folder: &OwnedFd, name: &str) -> Result<OwnedFd, Errno> {
     rustix::fs::openat(folder, name, OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty())
 }
@@ -181,7 +193,7 @@ impl OutputDraft<'_> {
             let target = self.outputs.folder(&folders)?;
             Ok(rustix::fs::renameat(&self.folder, self.name.as_str(), &target, name)?)
         };
-        rename().map_err(SystemError::at("write", self.outputs.path().join(path)))?;
+        again_if_gone(rename).map_err(SystemError::at("write", self.outputs.path().join(path)))?;
         self.is_kept = true;
         Ok(self.file.digest())
     }
@@ -221,6 +233,25 @@ mod tests {
         assert!(!folder.path().join("outputs/p/stage").exists(), "an empty folder goes too");
         outputs.tidy();
         assert!(!folder.path().join("outputs/.tmp").exists());
+    }
+
+    #[test]
+    fn a_run_that_tidies_up_does_not_disturb_one_that_publishes() {
+        let folder = tempfile::tempdir().unwrap();
+        let outputs = outputs(folder.path());
+        let other = outputs.clone();
+        let is_over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
+                    other.tidy();
+                    let _ = other.remove("stage/x");
+                }
+            });
+            let written = (0..2000).try_for_each(|_| outputs.write("stage/x", b"bytes"));
+            is_over.store(true, std::sync::atomic::Ordering::Relaxed);
+            written.unwrap();
+        });
     }
 
     #[test]
