@@ -125,7 +125,8 @@ fn summary_text(summary: &Summary) -> String {
     let jobs: Vec<String> = measured.jobs.iter().map(|(outcome, count)| format!("{count} {outcome}")).collect();
     let total: u64 = measured.jobs.values().sum();
     let stands = summary.results_of.as_ref().map(|run| format!("; the results of {run} stand")).unwrap_or_default();
-    format!("{word}: {total} jobs ({}), {} files written, {:.2} s{stands}", jobs.join(", "), measured.files_written, measured.seconds)
+    let files = if measured.files_written == 1 { "file" } else { "files" };
+    format!("{word}: {total} jobs ({}), {} {files} written, {:.2} s{stands}", jobs.join(", "), measured.files_written, measured.seconds)
 }
 
 fn summary_json(summary: &Summary) -> serde_json::Value {

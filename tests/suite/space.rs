@@ -65,6 +65,11 @@ impl Space {
         serde_json::from_str(&finished.stdout).unwrap_or_else(|error| panic!("{error}: {}", finished.stdout))
     }
 
+    /// Like `summary`, and gives the number of jobs that were executed.
+    pub fn executed(&self, arguments: &[&str]) -> u64 {
+        self.summary(arguments)["measured"]["jobs"]["ran"].as_u64().unwrap_or(0)
+    }
+
     /// The latest manifest of pipeline `p`.
     pub fn manifest(&self) -> Json {
         serde_json::from_slice(&self.read("outputs/p/manifest.json")).unwrap()

@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn the_array_has_a_row_a_sample() {
         let saved = example(None).save("npy", &Origin::default()).unwrap();
-        assert!(String::from_utf8_lossy(&saved.bytes[..128]).contains("(2, 9,)"));
+        assert!(String::from_utf8_lossy(&saved.bytes[..128]).contains("(2, 9)"));
         assert_eq!(saved.bytes.len() % 64, 2 * 9 * 8 % 64);
     }
 }
