@@ -218,7 +218,6 @@ fn conclude(
             write_whole(outputs, &manifest)?;
         }
     }
-    outputs.tidy();
     for warning in &warnings {
         listener.notify(&Event::Warning { stage: warning.stage.clone(), message: warning.message.clone() });
     }
