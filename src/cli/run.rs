@@ -26,8 +26,19 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
         return Ending::Refused;
     }
     let interrupt = Interrupt::listen();
+    let threads = command.threads();
+    let settings = Settings { threads, memory: command.memory.unwrap_or_else(default_memory), keep_going: command.keep_going, start_pool };
+    let request = command.pipeline.request(&command.targets);
+    // Who wants to hear of every job is told of every job.
+    if command.events.is_none() && !command.talk.verbose {
+        match run::unchanged::run(&request, &command.places.places(), settings) {
+            Ok(Some(summary)) => return conclude(command, &summary, &interrupt, screen),
+            Ok(None) => {}
+            Err(error) => return refuse(&error.into(), as_json, screen),
+        }
+    }
     let registry = registry();
-    let (graph, warnings) = match build(&registry, &command.pipeline.request(&command.targets)) {
+    let (graph, warnings) = match build(&registry, &request) {
         Ok(built) => built,
         Err(errors) => {
             screen.show(&errors, as_json);
@@ -47,8 +58,6 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
     };
 
     panics::hush();
-    let threads = command.threads();
-    let settings = Settings { threads, memory: command.memory.unwrap_or_else(default_memory), keep_going: command.keep_going, start_pool };
     let progress = Progress::new(screen, command.talk, threads);
     let mut listener = Listeners { interrupt: interrupt.clone(), progress, events };
     let result = run::run(graph, &registry, &command.places.places(), settings, interrupt.flag.clone(), &mut listener);

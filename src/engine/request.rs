@@ -46,6 +46,13 @@ impl Request {
         }
     }
 
+    /// All that was asked as one text: equal for equal requests from the same folder.
+    pub fn identity(&self) -> String {
+        let Self { file, parameters, axes, seed, only, force, max_jobs } = self;
+        let folder = std::env::current_dir().unwrap_or_default();
+        format!("{:?}", (folder, file, parameters, axes, seed, only, force, max_jobs))
+    }
+
     /// What was changed, for the manifest: `{ params, axes, seed }`, without what was not.
     pub fn overrides(&self) -> Json {
         let texts =

@@ -13,12 +13,14 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use rustix::fs::OFlags;
+use rustix::fs::{FileType, OFlags, Stat};
+use serde::{Deserialize, Serialize};
 
 use super::digest::Digest;
 
 /// What the file system says of a file's identity and its last change.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(from = "SignatureFields", into = "SignatureFields")]
 pub struct Signature {
     device: u64,
     inode: u64,
@@ -27,6 +29,22 @@ pub struct Signature {
     modified: i128,
     /// Nanoseconds since 1970.
     changed: i128,
+}
+
+/// Device, inode, size, modified, changed.
+type SignatureFields = (u64, u64, u64, i128, i128);
+
+impl From<SignatureFields> for Signature {
+    fn from((device, inode, size, modified, changed): SignatureFields) -> Self {
+        Self { device, inode, size, modified, changed }
+    }
+}
+
+impl From<Signature> for SignatureFields {
+    fn from(signature: Signature) -> Self {
+        let Signature { device, inode, size, modified, changed } = signature;
+        (device, inode, size, modified, changed)
+    }
 }
 
 /// A write this long after the stamp gets another stamp on any file system, in nanoseconds.
@@ -44,6 +62,22 @@ impl Signature {
             modified: nanoseconds(status.mtime(), status.mtime_nsec()),
             changed: nanoseconds(status.ctime(), status.ctime_nsec()),
         }
+    }
+
+    /// Size of the file in bytes.
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+
+    /// The signature of a regular file, as `fstatat` tells it.
+    pub fn of_stat(status: &Stat) -> Option<Self> {
+        (FileType::from_raw_mode(status.st_mode) == FileType::RegularFile).then(|| Self {
+            device: status.st_dev,
+            inode: status.st_ino,
+            size: status.st_size as u64,
+            modified: nanoseconds(status.st_mtime as i64, status.st_mtime_nsec as i64),
+            changed: nanoseconds(status.st_ctime as i64, status.st_ctime_nsec as i64),
+        })
     }
 
     /// Whether a write after the moment `now` must show in the signature.
@@ -139,9 +173,13 @@ impl Signatures {
 
     /// Digest by a signature that is known, without a look at the content.
     pub fn known(&mut self, status: &Metadata) -> Option<Digest> {
-        let signature = Signature::of(status);
-        let digest = *self.known.get(&signature)?;
-        self.used.push(signature);
+        self.known_by(&Signature::of(status))
+    }
+
+    /// The same for a signature at hand.
+    pub fn known_by(&mut self, signature: &Signature) -> Option<Digest> {
+        let digest = *self.known.get(signature)?;
+        self.used.push(*signature);
         Some(digest)
     }
 

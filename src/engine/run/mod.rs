@@ -1,5 +1,7 @@
 //! One run from a checked graph to its manifest: plan, schedule, publish, record.
 
+pub mod unchanged;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::hash::{BuildHasher, Hasher};
@@ -28,6 +30,7 @@ use super::store::folder::FolderStore;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::system::SystemError;
+use unchanged::Standstill;
 
 /// Where a run reads and writes.
 #[derive(Debug, Clone)]
@@ -39,6 +42,10 @@ pub struct Places {
 }
 
 impl Places {
+    fn library(&self) -> Library {
+        Library::new(Arc::new(FolderStore::at(&self.store)))
+    }
+
     fn pipeline_folder(&self, graph: &Graph) -> PathBuf {
         self.outputs.join(&graph.pipeline)
     }
@@ -89,7 +96,7 @@ const SIGNATURES: &str = "signatures";
 
 impl Known {
     fn load(places: &Places, graph: &Graph) -> Self {
-        let library = Arc::new(Library::new(Arc::new(FolderStore::at(&places.store))));
+        let library = Arc::new(places.library());
         let index = Index::load(&library, &graph.pipeline);
         let signatures = library.note(SIGNATURES).map(|text| Signatures::from_text(&text)).unwrap_or_default();
         Self { library, index, signatures }
@@ -122,7 +129,7 @@ pub fn run(
     let standing = read_standing(&outputs.path());
     let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), settings, interrupted, listener);
     let (shared, finished) = finished;
-    conclude(&shared, finished, known, standing, settings, &clock, listener)
+    conclude(&shared, finished, known, standing, places, settings, &clock, listener)
 }
 
 #[expect(clippy::too_many_arguments, reason = "joins what the run is made of, once")]
@@ -153,11 +160,13 @@ fn read_standing(folder: &Path) -> Option<Standing> {
 }
 
 /// After the jobs: removes what is no longer published, updates the caches, writes the manifest.
+#[expect(clippy::too_many_arguments, reason = "takes apart what the run was made of, once")]
 fn conclude(
     shared: &Shared,
     finished: Finished,
     mut known: Known,
     standing: Option<Standing>,
+    places: &Places,
     settings: Settings,
     clock: &Clock,
     listener: &mut dyn Listener,
@@ -195,7 +204,12 @@ fn conclude(
     let changed_nothing = measured.files_written + removed == 0 && entries.iter().all(|entry| entry.outcome == Outcome::Hit);
     let results_of = standing.filter(|standing| changed_nothing && standing.stands_for(status, &result_id)).map(|standing| standing.run_id);
     match &results_of {
-        Some(earlier) => write_short(outputs, graph, &run_id, result_id, earlier, &measured)?,
+        Some(earlier) => {
+            write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?;
+            let (jobs, published) = (entries.len() as u64, &ledger.published);
+            let found = Standstill { graph, outputs, published, run_id: earlier, result_id, jobs, warnings: &warnings };
+            unchanged::note(&found, places, &known.library, &mut known.signatures)?;
+        }
         None => {
             let manifest = Manifest {
                 schema: SCHEMA.into(),
@@ -306,7 +320,7 @@ fn write_whole(outputs: &OutputFolder, manifest: &Manifest) -> Result<(), System
 
 fn write_short(
     outputs: &OutputFolder,
-    graph: &Graph,
+    pipeline: &str,
     run_id: &str,
     result_id: Digest,
     results_of: &str,
@@ -314,7 +328,7 @@ fn write_short(
 ) -> Result<(), SystemError> {
     let manifest = ShortManifest {
         schema: SCHEMA.into(),
-        pipeline: graph.pipeline.clone(),
+        pipeline: pipeline.to_owned(),
         run_id: run_id.to_owned(),
         result_id,
         status: Status::Done,

@@ -141,6 +141,8 @@ pub fn expand(
         sources: sources(world.sources, &folder),
         folder,
         overrides: request.overrides(),
+        request: request.identity(),
+        has_warnings: false,
         is_whole: !targets.is_partial && request.axes.is_empty(),
         stages,
         jobs,

@@ -32,7 +32,7 @@ pub fn build(registry: &Registry, request: &Request) -> Result<(Graph, Vec<Diagn
     let graph = built(registry, request, &mut sources, &mut findings);
     let (errors, warnings) = sources.diagnostics(findings);
     match graph {
-        Some(graph) if errors.is_empty() => Ok((graph, warnings)),
+        Some(graph) if errors.is_empty() => Ok((Graph { has_warnings: !warnings.is_empty(), ..graph }, warnings)),
         _ => Err(errors),
     }
 }
