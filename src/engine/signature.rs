@@ -26,13 +26,13 @@ pub struct Signature {
     inode: u64,
     size: u64,
     /// Nanoseconds since 1970.
-    modified: i128,
+    modified: i64,
     /// Nanoseconds since 1970.
-    changed: i128,
+    changed: i64,
 }
 
 /// Device, inode, size, modified, changed.
-type SignatureFields = (u64, u64, u64, i128, i128);
+type SignatureFields = (u64, u64, u64, i64, i64);
 
 impl From<SignatureFields> for Signature {
     fn from((device, inode, size, modified, changed): SignatureFields) -> Self {
@@ -48,9 +48,9 @@ impl From<Signature> for SignatureFields {
 }
 
 /// A write this long after the stamp gets another stamp on any file system, in nanoseconds.
-const COARSE_STEP: i128 = 2_000_000_000;
+const COARSE_STEP: i64 = 2_000_000_000;
 /// The same where stamps are finer than a millisecond.
-const FINE_STEP: i128 = 20_000_000;
+const FINE_STEP: i64 = 20_000_000;
 
 impl Signature {
     /// The signature in a file's status.
@@ -81,20 +81,21 @@ impl Signature {
     }
 
     /// Whether a write after the moment `now` must show in the signature.
-    fn is_settled(&self, now: i128) -> bool {
+    fn is_settled(&self, now: i64) -> bool {
         [self.modified, self.changed].into_iter().all(|stamp| {
             let step = if stamp % 1_000_000 == 0 { COARSE_STEP } else { FINE_STEP };
-            now - stamp > step
+            now.saturating_sub(stamp) > step && stamp > i64::MIN
         })
     }
 }
 
-fn nanoseconds(seconds: i64, fraction: i64) -> i128 {
-    i128::from(seconds) * 1_000_000_000 + i128::from(fraction)
+/// Reaches from 1678 to 2262; stamps beyond are taken for the nearest of these, and never count as settled.
+fn nanoseconds(seconds: i64, fraction: i64) -> i64 {
+    seconds.saturating_mul(1_000_000_000).saturating_add(fraction)
 }
 
-fn now() -> i128 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos() as i128)
+fn now() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos().try_into().unwrap_or(i64::MAX))
 }
 
 /// Digest and size of a file's content.
@@ -211,7 +212,7 @@ mod tests {
 
     use super::*;
 
-    fn signature(modified: i128, changed: i128) -> Signature {
+    fn signature(modified: i64, changed: i64) -> Signature {
         Signature { device: 1, inode: 2, size: 3, modified, changed }
     }
 
