@@ -333,16 +333,21 @@ impl Standing {
 pub fn result_id(jobs: &[JobEntry], published: &[PublishedEntry]) -> Digest {
     let mut job_texts: Vec<String> = jobs.iter().map(job_identity).collect();
     job_texts.sort_unstable();
-    let mut file_texts: Vec<String> =
-        published.iter().map(|entry| canonical_text(&serde_json::json!([entry.path, entry.sha256]))).collect();
+    let mut file_texts: Vec<String> = published.iter().map(|entry| plain_text(&(&entry.path, entry.sha256))).collect();
     file_texts.sort_unstable();
     let text = format!(r#"{{"jobs":[{}],"published":[{}]}}"#, job_texts.join(","), file_texts.join(","));
     Digest::of(text.as_bytes())
 }
 
 fn job_identity(job: &JobEntry) -> String {
+    let JobEntry { stage, kind, version, .. } = job;
     let outputs: Vec<_> = job.outputs.iter().map(|output| output.sha256).collect();
-    canonical_text(&serde_json::json!([job.stage, job.coordinate, job.kind, job.version, job.parameters, outputs]))
+    let [stage, kind, outputs] = [plain_text(stage), plain_text(kind), plain_text(&outputs)];
+    format!("[{stage},{},{kind},{version},{},{outputs}]", canonical_text(&job.coordinate), canonical_text(&job.parameters))
+}
+
+fn plain_text(value: &impl Serialize) -> String {
+    serde_json::to_string(value).expect("plain values can be written")
 }
 
 /// The entry of a job, before anything is known of its results.

@@ -9,7 +9,7 @@ use crate::catalogue::nearest;
 use crate::engine::axes::scalar_of;
 use crate::engine::diagnostic::{escape, quoted};
 use crate::engine::registry::Kind;
-use crate::engine::schema::{FieldPath, Role, RoleField, check, to_yaml};
+use crate::engine::schema::{FieldPath, Role, RoleField, to_yaml};
 use crate::engine::source::{Finding, Findings, Place, Sources, did_you_mean, unreadable};
 use crate::engine::stage::AnyStage;
 use crate::engine::substitution::{Scope, Template, substitute};
@@ -147,7 +147,7 @@ pub struct Checker<'a, 'r, 's> {
 impl Checker<'_, '_, '_> {
     /// The roles of its fields, and the block as its kind reads it if nothing is wrong.
     pub fn checked(&self, node: &Node, files: &mut FileCheck, findings: &mut Findings) -> (Vec<RoleField>, Option<Box<dyn AnyStage>>) {
-        let checked = check(self.kind.name, &self.kind.schema, node);
+        let checked = self.world.rules(self.kind).check(node);
         let is_right = checked.issues.is_empty();
         for issue in checked.issues {
             findings.add(Finding::error(issue.place, issue.message).in_stage(self.stage).with_hint(issue.hint));

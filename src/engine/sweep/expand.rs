@@ -104,9 +104,9 @@ fn selection(world: &World<'_, '_>, resolved: &Resolved, reference: &Reference) 
 }
 
 /// Lays out all jobs; `None` if a combination of axis values is wrong.
-pub fn expand(
-    world: &World<'_, '_>,
-    drafts: Vec<Option<Draft<'_>>>,
+pub fn expand<'r>(
+    world: &World<'r, '_>,
+    mut drafts: Vec<Option<Draft<'r>>>,
     resolved: Resolved,
     typed: Vec<Option<Typed>>,
     targets: Selected,
@@ -128,7 +128,7 @@ pub fn expand(
         files: FileCheck::default(),
     };
     for stage in resolved.order.iter().copied() {
-        layout.stage(stage, drafts[stage].as_ref()?, findings)?;
+        layout.stage(stage, drafts[stage].as_mut()?, findings)?;
         if findings.is_full() {
             break;
         }
@@ -219,8 +219,8 @@ struct Grouped<'l> {
     label: String,
 }
 
-impl Layout<'_, '_, '_> {
-    fn stage(&mut self, stage: usize, draft: &Draft<'_>, findings: &mut Findings) -> Option<()> {
+impl<'r> Layout<'_, 'r, '_> {
+    fn stage(&mut self, stage: usize, draft: &mut Draft<'r>, findings: &mut Findings) -> Option<()> {
         let placed = self.resolved.stages[stage].as_ref()?;
         let typed = self.typed[stage].as_ref()?;
         let inputs = placed.ports.iter().enumerate().flat_map(|(port, declared)| declared.links.iter().map(move |link| (port, link)));
@@ -261,7 +261,7 @@ impl Layout<'_, '_, '_> {
     fn job(
         &mut self,
         stage: usize,
-        draft: &Draft<'_>,
+        draft: &mut Draft<'r>,
         placed: &Placed,
         typed: &Typed,
         grouped: &[Grouped<'_>],
@@ -274,7 +274,8 @@ impl Layout<'_, '_, '_> {
         let checker = Checker { world, kind: draft.kind, stage: world.name(stage) };
         // Each value of a single axis was checked with its stage; only combinations are new.
         let (roles, instance) = match draft.own_axes.len() {
-            0 => (draft.roles.clone(), checker.parsed(&node, &draft.roles, findings)),
+            // The block was read with its stage, and serves the first job.
+            0 => (draft.roles.clone(), draft.instance.take().or_else(|| checker.parsed(&node, &draft.roles, findings))),
             _ => checker.checked(&node, &mut self.files, findings),
         };
         let mut instance = instance?;
@@ -284,12 +285,17 @@ impl Layout<'_, '_, '_> {
         let seed = instance.draws().then(|| own_seed(&roles).unwrap_or(world.document.seed));
         let publications = self.publications(stage, typed, &coordinate, findings);
         let parameters = instance.parameters();
+        // They differ in how files are named alone.
+        let reads_files = roles.iter().any(|field| field.role == Role::File);
+        let shown = reads_files.then(|| self.described(draft, parameters.clone(), &roles, seed, |field| self.shown_file(&field.node)));
+        let canonical = self.described(draft, parameters, &roles, seed, |field| json!({ "file": field.path.to_string() }));
+        let shown = shown.unwrap_or_else(|| canonical.clone());
         let is_selected = |selections: &[Selection]| selections.iter().any(|one| one.stage == stage && one.takes(&placed.relation, row));
         Some(JobNode {
             stage,
             coordinate,
-            canonical: self.described(draft, parameters.clone(), &roles, seed, |field| json!({ "file": field.path.to_string() })),
-            shown: self.described(draft, parameters, &roles, seed, |field| self.shown_file(&field.node)),
+            canonical,
+            shown,
             parameters: instance,
             inputs,
             files: self.files_of(&roles),
@@ -375,7 +381,7 @@ impl Layout<'_, '_, '_> {
     /// The parameters without ports and defaults, files shown by a function.
     fn described(
         &self,
-        draft: &Draft<'_>,
+        draft: &Draft<'r>,
         parameters: Json,
         roles: &[RoleField],
         seed: Option<u64>,
