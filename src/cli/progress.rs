@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::arguments::TalkArguments;
+use super::outcomes::Outcomes;
 use super::screen::Screen;
 use crate::engine::diagnostic::escape;
 use crate::engine::events::Event;
@@ -28,6 +29,8 @@ pub struct Progress {
     board: Arc<Mutex<Board>>,
     is_over: Arc<AtomicBool>,
     painter: Option<JoinHandle<()>>,
+    /// What is told on a terminal when the bars are gone.
+    outcomes: Outcomes,
 }
 
 /// The numbers that the bars show.
@@ -47,7 +50,15 @@ struct RunningJob {
 impl Progress {
     /// Shows nothing yet; on a terminal bars come with the first job that runs.
     pub fn new(screen: &Screen, talk: TalkArguments, threads: NonZeroUsize) -> Self {
-        Self { screen: *screen, talk, threads, board: Arc::default(), is_over: Arc::default(), painter: None }
+        Self {
+            screen: *screen,
+            talk,
+            threads,
+            board: Arc::default(),
+            is_over: Arc::default(),
+            painter: None,
+            outcomes: Outcomes::default(),
+        }
     }
 
     /// Takes an event in.
@@ -76,6 +87,9 @@ impl Progress {
                 board.done = *done;
                 board.running.retain(|running| running.name != *job);
                 drop(board);
+                if self.screen.is_terminal {
+                    self.outcomes.add(job.split('[').next().unwrap_or(job), *outcome, reason);
+                }
                 self.line(job, *outcome, reason, *seconds, (*done, *total));
             }
             Event::Published { .. } | Event::Warning { .. } | Event::Ended { .. } => {}
@@ -90,7 +104,7 @@ impl Progress {
             return;
         }
         let time = if outcome == Outcome::Ran { format!("  {seconds:.2} s") } else { String::new() };
-        let why = if self.talk.verbose && !reason.is_empty() { format!("  ({})", escape(reason)) } else { String::new() };
+        let why = if reason.is_empty() { String::new() } else { format!("  {}", escape(reason)) };
         self.screen.say(&format!("[{done}/{total}] {:4} {}{time}{why}\n", outcome.word(), escape(job)));
     }
 
@@ -100,11 +114,12 @@ impl Progress {
         self.painter = thread.ok();
     }
 
-    /// Takes the bars away.
+    /// Takes the bars away, and tells instead what ran and why.
     pub fn end(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
         if let Some(painter) = self.painter.take() {
             let _ = painter.join();
+            self.screen.say(&self.outcomes.text());
         }
     }
 }

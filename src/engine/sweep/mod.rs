@@ -11,7 +11,7 @@ mod resolve;
 mod tests;
 mod typing;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use self::draft::{Draft, FileCheck};
 use super::axes::{self, Axis};
@@ -20,7 +20,7 @@ use super::document::{self, Document};
 use super::graph::Graph;
 use super::reference::Selection;
 use super::registry::Registry;
-use super::request::{self, Request};
+use super::request::{self, InputPlace, RecordedInput, Request};
 use super::source::{Finding, Findings, Sources, did_you_mean};
 use super::substitution::Scope;
 use crate::catalogue::nearest;
@@ -47,7 +47,7 @@ fn built(registry: &Registry, request: &Request, sources: &mut Sources, findings
     };
     let axes: Vec<Axis> = document.axes.iter().map(|entry| read(entry, findings)).collect();
     warn_of_references_in_parameters(&document, &axes, findings);
-    let world = World { registry, document, axes, sources, limit: request.max_jobs };
+    let world = World { registry, document, axes, sources, limit: request.max_jobs, inputs: request.inputs.as_ref() };
     let drafts = drafts(&world, findings);
     let resolved = resolve::resolve(&world, &drafts, findings);
     let typed = typing::decide(&world, &drafts, &resolved, findings);
@@ -66,6 +66,8 @@ struct World<'r, 'a> {
     sources: &'a Sources,
     /// Most jobs.
     limit: u64,
+    /// See [`Request::inputs`].
+    inputs: Option<&'a BTreeMap<InputPlace, RecordedInput>>,
 }
 
 impl World<'_, '_> {
