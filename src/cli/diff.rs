@@ -210,7 +210,7 @@ fn text_of([first, second]: [&Side; 2], comparison: &Comparison, shown: &[Shown]
     let jobs = comparison.jobs.iter().filter(|job| !job.results.is_empty()).count();
     let of_jobs = format!("of {jobs} of the {} in both runs", counted(comparison.common_jobs, "job"));
     let title = format!("results that differ: {}, {of_jobs}", comparison.result_count());
-    section(&title, shown.iter().flat_map(|shown| result_lines(shown)).collect());
+    section(&title, shown.iter().flat_map(result_lines).collect());
     let files = comparison.files.iter().map(|file| {
         let note = if file.first.is_none() {
             "  (second only)"
