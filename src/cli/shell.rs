@@ -7,7 +7,6 @@ use clap::CommandFactory;
 use super::Ending;
 use super::arguments::{Arguments, CompletionsCommand, ManCommand};
 use super::screen::Screen;
-use crate::catalogue::nearest;
 use crate::engine::diagnostic::quoted;
 
 /// Prints the completions of a shell.
@@ -28,8 +27,7 @@ pub fn man(command: &ManCommand, screen: &Screen) -> Ending {
     match program.get_subcommands().find(|command| command.get_name() == name) {
         Some(command) => screen.print(&page(command)),
         None => {
-            let hint = nearest(name, names.iter().map(String::as_str)).map(|near| format!("did you mean `{near}`?"));
-            screen.error(&format!("there is no command {}", quoted(name)), hint.as_deref());
+            screen.error(&format!("there is no command {}", quoted(name)), Some(&format!("the commands are {}", names.join(", "))));
             Ending::Refused
         }
     }

@@ -35,7 +35,7 @@ fn completions_and_manual_pages_come_from_the_definitions() {
         space.run(&["man", "run"]).stdout.contains(".TH pipeline\\-run 1")
             || space.run(&["man", "run"]).stdout.contains(".TH pipeline-run 1")
     );
-    space.run(&["man", "rnu"]).expect(2, &["did you mean `run`?"]);
+    space.run(&["man", "rnu"]).expect(2, &["there is no command `rnu`", "verify"]);
     space.run(&["man", "--dir", "man1"]).expect(0, &[]);
     assert!(space.files("man1").contains(&"pipeline-verify.1".to_owned()) && space.files("man1").contains(&"pipeline.1".to_owned()));
 }
