@@ -19,6 +19,7 @@ pub mod key;
 pub mod manifest;
 pub mod manual;
 pub mod parameter;
+pub mod provenance;
 pub mod publish;
 pub mod reference;
 pub mod registry;

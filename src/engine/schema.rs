@@ -62,6 +62,38 @@ impl FieldPath {
         node
     }
 
+    /// The same tree with another value there; what does not lead anywhere changes nothing.
+    pub fn replaced(&self, root: &Node, value: &Value) -> Node {
+        Self::replaced_at(&self.0, root, value)
+    }
+
+    fn replaced_at(steps: &[Step], node: &Node, value: &Value) -> Node {
+        let Some((step, rest)) = steps.split_first() else { return Node { value: value.clone(), ..node.clone() } };
+        let value = match (step, &node.value) {
+            (Step::Field(name), Value::Map(entries)) => {
+                let inner = |entry: &Entry| match *entry.key == **name {
+                    true => Entry { node: Self::replaced_at(rest, &entry.node, value), ..entry.clone() },
+                    false => entry.clone(),
+                };
+                Value::Map(entries.iter().map(inner).collect())
+            }
+            (Step::Item(index), Value::List(items)) => {
+                let inner = |(at, item): (usize, &Node)| if at == *index { Self::replaced_at(rest, item, value) } else { item.clone() };
+                Value::List(items.iter().enumerate().map(inner).collect())
+            }
+            _ => return node.clone(),
+        };
+        Node { value, ..node.clone() }
+    }
+
+    /// The value there, if there is one.
+    pub fn look_up<'j>(&self, root: &'j Json) -> Option<&'j Json> {
+        self.0.iter().try_fold(root, |json, step| match step {
+            Step::Field(name) => json.get(name),
+            Step::Item(index) => json.get(*index),
+        })
+    }
+
     /// The place in a JSON value.
     pub fn in_json<'j>(&self, root: &'j mut Json) -> Option<&'j mut Json> {
         self.0.iter().try_fold(root, |json, step| match step {

@@ -20,6 +20,7 @@ use super::manifest::{
     JobEntry, Machine, Manifest, Measured, Outcome, Program, PublishedEntry, SCHEMA, ShortManifest, SpecEntry, Standing, Status,
     WarningEntry, result_id,
 };
+use super::provenance::ro_crate;
 use super::publish::OutputFolder;
 use super::registry::Registry;
 use super::schedule::values::Shared;
@@ -315,6 +316,10 @@ fn spec_entries(graph: &Graph) -> Vec<SpecEntry> {
 fn write_whole(outputs: &OutputFolder, manifest: &Manifest) -> Result<(), SystemError> {
     let text = format!("{}\n", serde_json::to_string_pretty(manifest).expect("a manifest is plain data"));
     outputs.write(&run_path(&manifest.run_id), text.as_bytes())?;
+    for (path, text) in ro_crate::workflow_files(manifest) {
+        outputs.write(&path, text.as_bytes())?;
+    }
+    outputs.write(ro_crate::FILE_NAME, ro_crate::text(manifest).as_bytes())?;
     outputs.write("manifest.json", text.as_bytes())
 }
 

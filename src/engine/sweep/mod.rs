@@ -12,7 +12,7 @@ mod tests;
 mod typing;
 
 use std::cell::RefCell;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
 use self::draft::{Draft, FileCheck};
@@ -22,7 +22,7 @@ use super::document::{self, Document};
 use super::graph::Graph;
 use super::reference::Selection;
 use super::registry::{Kind, Registry};
-use super::request::{self, Request};
+use super::request::{self, InputPlace, RecordedInput, Request};
 use super::schema::Rules;
 use super::source::{Finding, Findings, Sources, did_you_mean};
 use super::substitution::Scope;
@@ -50,7 +50,8 @@ fn built(registry: &Registry, request: &Request, sources: &mut Sources, findings
     };
     let axes: Vec<Axis> = document.axes.iter().map(|entry| read(entry, findings)).collect();
     warn_of_references_in_parameters(&document, &axes, findings);
-    let world = World { registry, document, axes, sources, limit: request.max_jobs, rules: RefCell::default() };
+    let (limit, inputs) = (request.max_jobs, request.inputs.as_ref());
+    let world = World { registry, document, axes, sources, limit, inputs, rules: RefCell::default() };
     let drafts = drafts(&world, findings);
     let resolved = resolve::resolve(&world, &drafts, findings);
     let typed = typing::decide(&world, &drafts, &resolved, findings);
@@ -71,6 +72,8 @@ struct World<'r, 'a> {
     limit: u64,
     /// By name of the kind.
     rules: RefCell<HashMap<&'static str, Rc<Rules<'r>>>>,
+    /// See [`Request::inputs`].
+    inputs: Option<&'a BTreeMap<InputPlace, RecordedInput>>,
 }
 
 impl<'r> World<'r, '_> {
