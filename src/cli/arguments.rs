@@ -90,13 +90,16 @@ pub struct PlaceArguments {
     /// Folder of the store [default: .store in the folder of outputs]
     #[arg(long, value_name = "DIR", env = "PIPELINE_STORE")]
     pub store: Option<PathBuf>,
+    /// Use a store even if others may write to it: they decide what is found there
+    #[arg(long, env = "PIPELINE_ALLOW_SHARED_STORE", value_parser = clap::builder::FalseyValueParser::new())]
+    pub allow_shared_store: bool,
 }
 
 impl PlaceArguments {
     /// The folders.
     pub fn places(&self) -> Places {
         let store = self.store.clone().unwrap_or_else(|| self.outputs.join(".store"));
-        Places { outputs: self.outputs.clone(), store }
+        Places { outputs: self.outputs.clone(), store, may_share_store: self.allow_shared_store }
     }
 }
 

@@ -16,6 +16,8 @@ pub enum Phase {
     Waiting,
     /// It can start.
     Ready,
+    /// Another run has claimed it.
+    Elsewhere,
     /// A job thread has it.
     Running,
     /// Its results are known.

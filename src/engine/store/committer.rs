@@ -8,6 +8,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use super::claims::Claim;
 use super::library::Library;
 use super::objects::Shelf;
 use super::record::{Blob, PublicationRecord, ResultRecord};
@@ -37,6 +38,8 @@ impl Commit {
 
 enum Message {
     Commit(Commit),
+    /// What was handed in before is being waited for under this claim.
+    LetGo(Claim),
     End,
 }
 
@@ -71,6 +74,14 @@ impl Committer {
         Submit(self.sender.clone())
     }
 
+    /// Lets a claim go as soon as what was handed in so far can be found.
+    pub fn let_go(&self, claim: Option<Claim>) {
+        if let Some(claim) = claim {
+            // If the committer has failed, the claim goes at once.
+            let _ = self.sender.send(Message::LetGo(claim));
+        }
+    }
+
     /// Starts the thread, if it has not started.
     pub fn start(&mut self) {
         let Some(receiver) = self.receiver.take() else { return };
@@ -95,33 +106,39 @@ impl Committer {
 
 fn commit_groups(library: &Library, receiver: &Receiver<Message>) -> Result<(), SystemError> {
     loop {
-        let (group, is_last) = next_group(receiver);
+        let (group, claims, is_last) = next_group(receiver);
         commit_group(library, &group)?;
+        drop(claims);
         if is_last {
             return Ok(());
         }
     }
 }
 
-/// The next records, and whether there will be no more.
-fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, bool) {
-    let mut group = Vec::new();
+/// The next records with the claims on them, and whether there will be no more.
+fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, Vec<Claim>, bool) {
+    let (mut group, mut claims) = (Vec::new(), Vec::new());
     match receiver.recv() {
         Ok(Message::Commit(commit)) => group.push(commit),
-        Ok(Message::End) | Err(_) => return (group, true),
+        Ok(Message::LetGo(claim)) => return (group, vec![claim], false),
+        Ok(Message::End) | Err(_) => return (group, claims, true),
     }
     let deadline = Instant::now() + GROUP_TIME;
     while group.len() < GROUP_COUNT {
         match receiver.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
             Ok(Message::Commit(commit)) => group.push(commit),
-            Ok(Message::End) | Err(RecvTimeoutError::Disconnected) => return (group, true),
+            Ok(Message::LetGo(claim)) => claims.push(claim),
+            Ok(Message::End) | Err(RecvTimeoutError::Disconnected) => return (group, claims, true),
             Err(RecvTimeoutError::Timeout) => break,
         }
     }
-    (group, false)
+    (group, claims, false)
 }
 
 fn commit_group(library: &Library, group: &[Commit]) -> Result<(), SystemError> {
+    if group.is_empty() {
+        return Ok(());
+    }
     let blobs: Vec<Digest> = group.iter().flat_map(Commit::blobs).filter(|blob| blob.inline.is_none()).map(|blob| blob.digest).collect();
     library.make_durable(&blobs)?;
     for commit in group {
