@@ -10,6 +10,7 @@ mod progress;
 mod run;
 mod screen;
 mod signals;
+mod store;
 
 use std::process::ExitCode;
 
@@ -28,6 +29,8 @@ pub enum Ending {
     Refused,
     /// The operating system failed us.
     System,
+    /// A comparison found a difference.
+    Different,
     /// A signal of that number ended it.
     Interrupted(u8),
 }
@@ -40,6 +43,7 @@ impl Ending {
             Ending::Failed => 1,
             Ending::Refused => 2,
             Ending::System => 3,
+            Ending::Different => 4,
             Ending::Interrupted(signal) => 128 + signal,
         }
     }
@@ -65,6 +69,7 @@ fn execute(arguments: Arguments, screen: &Screen) -> Ending {
         Command::Schema => manual::schema(screen),
         Command::Info(command) => images::info(&command, screen),
         Command::Convert(command) => images::convert(&command, screen),
+        Command::Store(command) => store::store(&command, screen),
     }
 }
 

@@ -50,6 +50,11 @@ impl PlainFile {
         Ok(Self { file, path })
     }
 
+    /// A file that was opened by way of its folder.
+    pub fn of(file: fs::File, path: PathBuf) -> Self {
+        Self { file, path }
+    }
+
     /// What the system says of it.
     pub fn status(&self) -> io::Result<Metadata> {
         faults::point(&self.path)?;

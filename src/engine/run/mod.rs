@@ -42,8 +42,13 @@ pub struct Places {
 
 impl Places {
     /// The store; an error if it is open to others and may not be.
+    pub fn folder_store(&self) -> Result<FolderStore, SystemError> {
+        FolderStore::open(&self.store, self.may_share_store)
+    }
+
+    /// What stands in the store; the same error.
     pub fn library(&self) -> Result<Library, SystemError> {
-        Ok(Library::new(Arc::new(FolderStore::open(&self.store, self.may_share_store)?)))
+        Ok(Library::new(Arc::new(self.folder_store()?)))
     }
 
     fn pipeline_folder(&self, graph: &Graph) -> PathBuf {

@@ -40,6 +40,7 @@ const PRIVATE: u32 = 0o700;
 pub struct FolderStore {
     parent: PathBuf,
     layout: Layout,
+    is_inspected: bool,
     made: OnceLock<()>,
 }
 
@@ -73,7 +74,14 @@ impl FolderStore {
     /// The store in `folder`, whoever may write to it.
     pub fn at(folder: impl Into<PathBuf>) -> Self {
         let parent = folder.into();
-        Self { layout: Layout { root: parent.join(LAYOUT), folder_mode: PRIVATE }, parent, made: OnceLock::new() }
+        Self { layout: Layout { root: parent.join(LAYOUT), folder_mode: PRIVATE }, parent, is_inspected: false, made: OnceLock::new() }
+    }
+
+    /// The same store, its objects only looked at: that does not count as their use.
+    #[must_use]
+    pub fn for_inspection(mut self) -> Self {
+        self.is_inspected = true;
+        self
     }
 
     /// Where things stand.
@@ -191,8 +199,8 @@ impl Layout {
         }
     }
 
-    /// Moves something among the damaged objects.
-    fn move_away(&self, path: &Path, name: &str) -> io::Result<PathBuf> {
+    /// Moves something among the damaged objects; `name` begins its name there.
+    pub fn move_away(&self, path: &Path, name: &str) -> io::Result<PathBuf> {
         let damaged = self.damaged();
         self.make_folder(&damaged)?;
         let target = damaged.join(format!("{name}-{}", temporary_name()));
@@ -204,7 +212,7 @@ impl Layout {
 impl Objects for FolderStore {
     fn open(&self, shelf: Shelf, name: &str) -> io::Result<Box<dyn Read + Send>> {
         let file = PlainFile::open(self.layout.path_of(shelf, name))?;
-        if shelf != Shelf::Notes {
+        if shelf != Shelf::Notes && !self.is_inspected {
             renew(&file);
         }
         Ok(Box::new(BufReader::with_capacity(READ_SIZE, file)))

@@ -150,19 +150,39 @@ impl Library {
 
     /// A cache by its name; `None` if it is not there or damaged, which is the same to its reader.
     pub fn note(&self, name: &str) -> Option<String> {
-        match self.text(Shelf::Notes, name, NOTE_LIMIT) {
-            Ok(text) => {
-                let unsealed = unseal(&text).map(str::to_owned);
-                if unsealed.is_none() {
-                    self.damaged(Shelf::Notes, name, DISAGREES);
-                }
-                unsealed
-            }
-            Err(error) => {
-                self.lost(Shelf::Notes, name, &error);
-                None
-            }
+        self.checked_note(name).ok()
+    }
+
+    /// A cache by its name.
+    pub fn checked_note(&self, name: &str) -> Result<String, Lost> {
+        let text = self.text(Shelf::Notes, name, NOTE_LIMIT).map_err(|error| self.lost(Shelf::Notes, name, &error))?;
+        unseal(&text).map(str::to_owned).ok_or_else(|| self.damaged(Shelf::Notes, name, DISAGREES))
+    }
+
+    /// Hashes all of a blob, of whatever size it is.
+    pub fn verify_blob(&self, digest: &Digest) -> Result<(), Lost> {
+        let name = digest.to_string();
+        let reader = self.objects.open(Shelf::Blobs, &name).map_err(|error| self.lost(Shelf::Blobs, &name, &error))?;
+        match Digest::of_reader(reader) {
+            Ok((found, _)) if found == *digest => Ok(()),
+            Ok(_) => Err(self.damaged(Shelf::Blobs, &name, DISAGREES)),
+            Err(error) => Err(self.unreadable(Shelf::Blobs, &name, &error)),
         }
+    }
+
+    /// The record of a result, if it is sound; nothing is said or set aside if not.
+    pub fn glance_at_result(&self, key: &Digest) -> Option<ResultRecord> {
+        parse_record(&self.text(Shelf::Results, &key.to_string(), RECORD_LIMIT).ok()?)
+    }
+
+    /// The same of an encoded file.
+    pub fn glance_at_publication(&self, key: &Digest) -> Option<PublicationRecord> {
+        parse_record(&self.text(Shelf::Publications, &key.to_string(), RECORD_LIMIT).ok()?)
+    }
+
+    /// Takes an object out of use.
+    pub fn set_aside(&self, shelf: Shelf, name: &str) {
+        self.objects.set_aside(shelf, name);
     }
 
     /// Writes a cache, in place of an earlier one.

@@ -7,9 +7,12 @@
 //! `verification` and `collection` look after a store as a whole.
 
 pub mod claims;
+pub mod collection;
 pub mod committer;
 pub mod folder;
 pub mod index;
+pub mod inventory;
 pub mod library;
 pub mod objects;
 pub mod record;
+pub mod verification;
