@@ -211,6 +211,7 @@ impl<'l> Scheduler<'l> {
     fn look_for_interrupt(&mut self) {
         if self.interrupted_at.is_none() && self.shared.interrupted.load(Ordering::Relaxed) {
             self.interrupted_at = Some(Instant::now());
+            self.committer.hurry();
             self.is_stopping = true;
         }
         if self.committer.has_failed() {

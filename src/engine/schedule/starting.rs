@@ -1,5 +1,6 @@
 //! What starts next: files before jobs, the job on the longest path first, and no more than memory allows.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use super::Scheduler;
@@ -8,6 +9,7 @@ use super::state::{self, Phase, Ready};
 use super::values::Source;
 use super::worker::{FileToPublish, RunTask, Task, work};
 use crate::engine::events::Event;
+use crate::engine::files;
 use crate::engine::graph::InputNode;
 
 impl Scheduler<'_> {
@@ -125,6 +127,8 @@ impl Scheduler<'_> {
     pub(super) fn memory_need(&self, job: usize) -> state::MemoryNeed {
         let size = |item: &InputNode| self.state(item.job).sizes[item.result];
         let is_held = |item: &InputNode| self.shared.held_by(item.job, item.result).is_some();
-        state::memory_need(&self.shared.graph.jobs[job], size, is_held)
+        // A file that is gone by now fails the job when it is read.
+        let file_size = |path: &Path| files::status(path).map_or(0, |status| status.len());
+        state::memory_need(&self.shared.graph.jobs[job], size, is_held, file_size)
     }
 }

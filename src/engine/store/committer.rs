@@ -4,6 +4,7 @@
 //! the last group, and its jobs run again.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -48,6 +49,7 @@ pub struct Committer {
     library: Arc<Library>,
     sender: Sender<Message>,
     receiver: Option<Receiver<Message>>,
+    is_hurried: Arc<AtomicBool>,
     thread: Option<JoinHandle<Result<(), SystemError>>>,
 }
 
@@ -66,7 +68,7 @@ impl Committer {
     /// A committer that has not started.
     pub fn new(library: Arc<Library>) -> Self {
         let (sender, receiver) = channel();
-        Self { library, sender, receiver: Some(receiver), thread: None }
+        Self { library, sender, receiver: Some(receiver), is_hurried: Arc::default(), thread: None }
     }
 
     /// A way to hand records in.
@@ -85,9 +87,15 @@ impl Committer {
     /// Starts the thread, if it has not started.
     pub fn start(&mut self) {
         let Some(receiver) = self.receiver.take() else { return };
-        let library = self.library.clone();
-        let thread = std::thread::Builder::new().name("commit".into()).spawn(move || commit_groups(&library, &receiver));
+        let (library, is_hurried) = (self.library.clone(), self.is_hurried.clone());
+        let thread = std::thread::Builder::new().name("commit".into()).spawn(move || commit_groups(&library, &receiver, &is_hurried));
         self.thread = Some(thread.expect("the system gives a thread"));
+    }
+
+    /// From now on the disk is not waited for: a run that is to end within a second keeps what it has, and only a power cut
+    /// within moments could cost a result.
+    pub fn hurry(&self) {
+        self.is_hurried.store(true, Ordering::Relaxed);
     }
 
     /// Whether it has ended early, which only an error makes it do.
@@ -104,10 +112,10 @@ impl Committer {
     }
 }
 
-fn commit_groups(library: &Library, receiver: &Receiver<Message>) -> Result<(), SystemError> {
+fn commit_groups(library: &Library, receiver: &Receiver<Message>, is_hurried: &AtomicBool) -> Result<(), SystemError> {
     loop {
         let (group, claims, is_last) = next_group(receiver);
-        commit_group(library, &group)?;
+        commit_group(library, &group, is_hurried)?;
         drop(claims);
         if is_last {
             return Ok(());
@@ -135,12 +143,14 @@ fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, Vec<Claim>, bool) {
     (group, claims, false)
 }
 
-fn commit_group(library: &Library, group: &[Commit]) -> Result<(), SystemError> {
+fn commit_group(library: &Library, group: &[Commit], is_hurried: &AtomicBool) -> Result<(), SystemError> {
     if group.is_empty() {
         return Ok(());
     }
     let blobs: Vec<Digest> = group.iter().flat_map(Commit::blobs).filter(|blob| blob.inline.is_none()).map(|blob| blob.digest).collect();
-    library.make_durable(&blobs)?;
+    if !is_hurried.load(Ordering::Relaxed) {
+        library.make_durable(&blobs)?;
+    }
     for commit in group {
         match commit {
             Commit::Result(record) => library.keep_record(Shelf::Results, record)?,
