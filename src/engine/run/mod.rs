@@ -392,3 +392,6 @@ mod fault_tests;
 
 #[cfg(test)]
 mod sharing_tests;
+
+#[cfg(test)]
+mod damage_tests;
