@@ -4,3 +4,4 @@ mod bad_input;
 mod language;
 mod reuse;
 mod space;
+mod store;
