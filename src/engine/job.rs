@@ -46,6 +46,7 @@ pub struct Job<'a> {
     files: &'a dyn FileSource,
     seed: u64,
     interrupted: &'a AtomicBool,
+    withdrawn: Option<&'a AtomicBool>,
     progress: Arc<AtomicU32>,
     warnings: Mutex<Vec<String>>,
 }
@@ -55,13 +56,20 @@ impl<'a> Job<'a> {
     ///
     /// `seed` is the pipeline's, for stages that set none.
     pub fn new(inputs: BTreeMap<String, Vec<Input>>, files: &'a dyn FileSource, seed: u64, interrupted: &'a AtomicBool) -> Self {
-        Self { inputs, files, seed, interrupted, progress: Arc::default(), warnings: Mutex::default() }
+        Self { inputs, files, seed, interrupted, withdrawn: None, progress: Arc::default(), warnings: Mutex::default() }
     }
 
     /// The same job, saying how far it is through a handle that a display looks at.
     #[must_use]
     pub fn with_progress(mut self, progress: Arc<AtomicU32>) -> Self {
         self.progress = progress;
+        self
+    }
+
+    /// The same job, to stop also when this is set: another run computes it already.
+    #[must_use]
+    pub fn with_withdrawal(mut self, withdrawn: &'a AtomicBool) -> Self {
+        self.withdrawn = Some(withdrawn);
         self
     }
 
@@ -102,9 +110,10 @@ impl<'a> Job<'a> {
         seed.0.unwrap_or(self.seed)
     }
 
-    /// Asked at least every 50 ms: an error once the run is to stop.
+    /// Asked at least every 50 ms: an error once the run, or this job, is to stop.
     pub fn check(&self) -> Result<(), StageError> {
-        if self.interrupted.load(Ordering::Relaxed) { Err(StageError::Interrupted) } else { Ok(()) }
+        let is_set = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
+        if is_set(self.interrupted) || self.withdrawn.is_some_and(is_set) { Err(StageError::Interrupted) } else { Ok(()) }
     }
 
     /// Says how far the job is, from 0 to 1.

@@ -7,3 +7,4 @@ mod provenance;
 mod reasons;
 mod reuse;
 mod space;
+mod store;

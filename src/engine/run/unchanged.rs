@@ -128,7 +128,7 @@ fn known_files(found: &Standstill<'_>, signatures: &mut Signatures) -> Option<Ve
 /// The run that changes nothing, with its short manifest, if everything is as the last one left it.
 pub fn run(request: &Request, places: &Places, settings: Settings) -> Result<Option<Summary>, SystemError> {
     let clock = Clock::start();
-    let library = places.library();
+    let library = places.library()?;
     let identity = request.identity();
     let text = library.note(&note_name(&identity, places));
     let Some(basis) = text.and_then(|text| serde_json::from_str::<Basis>(&text).ok()) else { return Ok(None) };
