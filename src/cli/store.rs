@@ -86,7 +86,7 @@ fn show_verification(arguments: &StoreArguments, screen: &Screen) -> Result<Endi
     let findings = verify(store.layout(), &library)?;
     let seconds = begun.elapsed().as_secs_f64();
     let printed = answer(screen, arguments.format, &findings, || findings_text(&findings, seconds));
-    Ok(if findings.damage.is_empty() { printed } else { Ending::Different })
+    Ok(if findings.damage.is_empty() { printed } else { Ending::Differs })
 }
 
 fn findings_text(findings: &Findings, seconds: f64) -> String {

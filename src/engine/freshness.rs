@@ -82,16 +82,17 @@ fn planned_job(
 ) -> PlannedJob {
     let planned = |input: usize| earlier[input].as_ref().expect("the inputs of a wanted job are wanted");
     let recipe = key::recipe(graph, job, &files, |input| planned(input).recipe);
+    // The index may know the results of a job while an input's record is gone.
+    if let Some(record) = index.result(&recipe).filter(|record| !job.is_forced && is_whole(graph, job, record)) {
+        let (key, record) = (Some(record.key), Some(record.clone()));
+        return PlannedJob { recipe, files, key, record, outcome: Outcome::Hit, reason: "" };
+    }
     let content = |item: &InputNode| planned(item.job).record.as_ref().map(|record| record.outputs[item.result].content.digest);
     let is_known = input_items(job).all(|(_, item)| content(item).is_some());
     let key = is_known.then(|| key::key(graph, job, &files, |item| content(item).expect("all were looked at above")));
     let unknown = PlannedJob { recipe, files, key, record: None, outcome: Outcome::Run, reason: "" };
     if job.is_forced {
         return PlannedJob { reason: "forced", ..unknown };
-    }
-    // The index may know the results of a job while an input's record is gone.
-    if let Some(record) = index.result(&recipe).filter(|record| is_whole(graph, job, record)) {
-        return PlannedJob { key: Some(record.key), record: Some(record.clone()), outcome: Outcome::Hit, ..unknown };
     }
     match key.map(|key| lookup(&key)) {
         None => PlannedJob { outcome: Outcome::Maybe, ..unknown },

@@ -21,6 +21,7 @@ pub mod manifest;
 pub mod manual;
 pub mod owner;
 pub mod parameter;
+pub mod provenance;
 pub mod publish;
 pub mod reference;
 pub mod registry;

@@ -13,6 +13,7 @@ use rustix::io::Errno;
 
 use super::digest::{Digest, HashingWriter};
 use super::files::{PlainFile, faults};
+use super::signature::Signature;
 use super::system::{SystemError, remove_leftovers, temporary_name};
 
 /// Below the root: what is being written.
@@ -55,6 +56,15 @@ impl OutputFolder {
         let file = File::from(rustix::fs::openat(&folder, name, flags, Mode::empty()).ok()?);
         let status = file.metadata().ok()?;
         status.is_file().then_some((status, file))
+    }
+
+    /// Signatures of plain files in one folder below the pipeline's (empty for that itself), by their names;
+    /// `None` where there is no such plain file.
+    pub fn signatures<'n>(&self, folder: &str, names: impl Iterator<Item = &'n str>) -> Vec<Option<Signature>> {
+        let parts: Vec<&str> = std::iter::once(self.pipeline.as_str()).chain(folder.split('/').filter(|part| !part.is_empty())).collect();
+        let opened = self.existing_folder(&parts).ok();
+        let status = |name: &str| rustix::fs::statat(opened.as_ref()?, name, AtFlags::SYMLINK_NOFOLLOW).ok();
+        names.map(|name| Signature::of_stat(&status(name)?)).collect()
     }
 
     /// Begins a file whose name is given later.

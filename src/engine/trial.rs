@@ -230,6 +230,8 @@ pub fn graph(folder: &Path, jobs: &[TrialJob]) -> Graph {
         seed: 0,
         folder: folder.to_owned(),
         sources: vec![Source { path: "p.yaml".into(), text: "text".into() }],
+        request: String::new(),
+        has_warnings: false,
         overrides: json!({}),
         is_whole: true,
         stages,

@@ -1,5 +1,7 @@
 //! One run from a checked graph to its manifest: plan, schedule, publish, record.
 
+pub mod unchanged;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::hash::{BuildHasher, Hasher};
@@ -18,6 +20,7 @@ use super::manifest::{
     JobEntry, Machine, Manifest, Measured, Outcome, Program, PublishedEntry, SCHEMA, ShortManifest, SpecEntry, Standing, Status,
     WarningEntry, result_id,
 };
+use super::provenance::ro_crate;
 use super::publish::OutputFolder;
 use super::registry::Registry;
 use super::schedule::values::Shared;
@@ -28,6 +31,7 @@ use super::store::folder::FolderStore;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::system::SystemError;
+use unchanged::Standstill;
 
 /// Where a run reads and writes.
 #[derive(Debug, Clone)]
@@ -132,10 +136,11 @@ pub fn run(
     let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
     outputs.prepare()?;
     known.library.tidy();
+    unchanged::tell_damage(&graph, places, &known.library);
     let standing = read_standing(&outputs.path());
     let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), settings, interrupted, listener);
     let (shared, finished) = finished;
-    conclude(&shared, finished, known, standing, settings, &clock, listener)
+    conclude(&shared, finished, known, standing, places, settings, &clock, listener)
 }
 
 #[expect(clippy::too_many_arguments, reason = "joins what the run is made of, once")]
@@ -166,11 +171,13 @@ fn read_standing(folder: &Path) -> Option<Standing> {
 }
 
 /// After the jobs: removes what is no longer published, updates the caches, writes the manifest.
+#[expect(clippy::too_many_arguments, reason = "takes apart what the run was made of, once")]
 fn conclude(
     shared: &Shared,
     finished: Finished,
     mut known: Known,
     standing: Option<Standing>,
+    places: &Places,
     settings: Settings,
     clock: &Clock,
     listener: &mut dyn Listener,
@@ -209,7 +216,12 @@ fn conclude(
     let changed_nothing = measured.files_written + removed == 0 && entries.iter().all(|entry| entry.outcome == Outcome::Hit);
     let results_of = standing.filter(|standing| changed_nothing && standing.stands_for(status, &result_id)).map(|standing| standing.run_id);
     match &results_of {
-        Some(earlier) => write_short(outputs, graph, &run_id, result_id, earlier, &measured)?,
+        Some(earlier) => {
+            write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?;
+            let (jobs, published) = (entries.len() as u64, &ledger.published);
+            let found = Standstill { graph, outputs, published, run_id: earlier, result_id, jobs, warnings: &warnings };
+            unchanged::note(&found, places, &known.library, &mut known.signatures)?;
+        }
         None => {
             let manifest = Manifest {
                 schema: SCHEMA.into(),
@@ -315,12 +327,16 @@ fn spec_entries(graph: &Graph) -> Vec<SpecEntry> {
 fn write_whole(outputs: &OutputFolder, manifest: &Manifest) -> Result<(), SystemError> {
     let text = format!("{}\n", serde_json::to_string_pretty(manifest).expect("a manifest is plain data"));
     outputs.write(&run_path(&manifest.run_id), text.as_bytes())?;
+    for (path, text) in ro_crate::workflow_files(manifest) {
+        outputs.write(&path, text.as_bytes())?;
+    }
+    outputs.write(ro_crate::FILE_NAME, ro_crate::text(manifest).as_bytes())?;
     outputs.write("manifest.json", text.as_bytes())
 }
 
 fn write_short(
     outputs: &OutputFolder,
-    graph: &Graph,
+    pipeline: &str,
     run_id: &str,
     result_id: Digest,
     results_of: &str,
@@ -328,7 +344,7 @@ fn write_short(
 ) -> Result<(), SystemError> {
     let manifest = ShortManifest {
         schema: SCHEMA.into(),
-        pipeline: graph.pipeline.clone(),
+        pipeline: pipeline.to_owned(),
         run_id: run_id.to_owned(),
         result_id,
         status: Status::Done,
