@@ -1,0 +1,1 @@
+//! Pixels, filters, layers, and the fold of samples.

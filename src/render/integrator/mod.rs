@@ -1,0 +1,1 @@
+//! How radiance along a camera ray is estimated.

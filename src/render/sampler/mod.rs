@@ -1,0 +1,1 @@
+//! Numbers addressed by (seed, pixel, sample index, dimension).

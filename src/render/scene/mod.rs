@@ -1,0 +1,1 @@
+//! The description of a scene as a person writes it.

@@ -1,0 +1,1 @@
+//! What rays hit: shapes, meshes, transforms, instances, and the tree over them.
