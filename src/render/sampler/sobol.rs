@@ -106,8 +106,7 @@ mod tests {
             for start in [0_u32, 1 << 20] {
                 for m in [1, 2, 5, 8] {
                     let block = (start >> m) << m;
-                    let points: Vec<[u32; 2]> =
-                        (block..block + (1 << m)).map(|index: u32| scramble.pair(index.reverse_bits())).collect();
+                    let points: Vec<[u32; 2]> = (block..block + (1 << m)).map(|index: u32| scramble.pair(index.reverse_bits())).collect();
                     for k in 0..=m {
                         let cell = |point: &[u32; 2]| {
                             let (x, y) = (u64::from(point[0]) >> (32 - k), u64::from(point[1]) >> (32 - (m - k)));

@@ -1,1 +1,3 @@
 //! The description of a scene as a person writes it.
+
+pub mod vector;
