@@ -153,7 +153,7 @@ fn folder_of(file: &Path) -> PathBuf {
 }
 
 fn sources(sources: &Sources, folder: &Path) -> Vec<Source> {
-    let files = sources.files().iter();
+    let files = sources.files();
     files.map(|file| Source { path: relative(Path::new(&file.shown), folder), text: file.text.clone() }).collect()
 }
 

@@ -1,1 +1,3 @@
 //! Where light comes from.
+
+pub mod environment;

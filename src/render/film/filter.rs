@@ -90,7 +90,7 @@ pub enum Filter {
 }
 
 /// Steps of a tabulated filter.
-const STEPS: usize = 256;
+const STEPS: usize = 1024;
 
 impl FilterDescription {
     /// Ready to be drawn from.
