@@ -1,27 +1,10 @@
-//! Angles as fractions of a whole turn, in single precision, for the renderer's inner loops.
+//! The angle of a vector as a fraction of a whole turn, in single precision, for the renderer's inner loops.
 //!
 //! Only additions, multiplications, divisions and selections, so that they give the same answer on every machine
-//! and the compiler may compute several at once. Where eight digits matter use `elementary`.
+//! and the compiler may compute several at once. Where eight digits matter use `elementary`; the way back is
+//! `single::sin_cos_of_turns`.
 
 use std::f32::consts::{FRAC_PI_4, PI};
-
-/// Sine and cosine of `turn` whole turns, for |turn| up to 1000; errors below 2e-7.
-///
-/// The nearest quarter turn is taken off exactly; the rest, at most an eighth, goes through Taylor's series,
-/// whose first terms left out are below 2e-9 and 3e-8.
-#[inline]
-pub fn sin_cos(turn: f32) -> (f32, f32) {
-    /// Adding and subtracting 1.5 · 2^23 rounds to the nearest integer.
-    const ROUNDER: f32 = 12_582_912.0;
-    let quarters = (4.0 * turn + ROUNDER) - ROUNDER;
-    let x = (turn - 0.25 * quarters) * (2.0 * PI);
-    let x2 = x * x;
-    let sine = x * (1.0 - x2 * (1.0 / 6.0 - x2 * (1.0 / 120.0 - x2 * (1.0 / 5040.0 - x2 * (1.0 / 362_880.0)))));
-    let cosine = 1.0 - x2 * (0.5 - x2 * (1.0 / 24.0 - x2 * (1.0 / 720.0 - x2 * (1.0 / 40_320.0))));
-    let quadrant = quarters as i32;
-    let (first, second) = if quadrant & 1 == 0 { (sine, cosine) } else { (cosine, sine) };
-    (if quadrant & 2 == 0 { first } else { -first }, if (quadrant + 1) & 2 == 0 { second } else { -second })
-}
 
 /// The angle of the vector (x, y) from +x towards +y as a fraction of a turn in [0, 1); error below 1e-7.
 ///
@@ -54,18 +37,6 @@ fn below_one(turn: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::math::elementary;
-
-    #[test]
-    fn sine_and_cosine_agree_with_the_exact_ones() {
-        for k in -30_000..30_000 {
-            let turn = k as f32 / 7_777.0;
-            let (sine, cosine) = sin_cos(turn);
-            let exact = elementary::sin_cos(f64::from(turn) * std::f64::consts::TAU);
-            let error = (f64::from(sine) - exact.0).abs().max((f64::from(cosine) - exact.1).abs());
-            assert!(error < 2e-7, "{turn}: {error}");
-        }
-        assert_eq!([sin_cos(0.0), sin_cos(0.25), sin_cos(0.5), sin_cos(0.75)], [(0.0, 1.0), (1.0, 0.0), (-0.0, -1.0), (-1.0, -0.0)]);
-    }
 
     #[test]
     fn angles_agree_with_the_exact_ones() {

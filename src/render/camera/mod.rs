@@ -11,6 +11,7 @@ use glam::Vec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::math::single;
 use crate::render::camera::orthographic::Orthographic;
 use crate::render::camera::perspective::Perspective;
 use crate::render::camera::thin_lens::ThinLens;
@@ -145,8 +146,8 @@ impl Camera {
         match self.lens {
             Lens::Pinhole { half_width } => Ray::new(origin, (forward + right * (x * half_width) + up * (y * half_width)).normalize()),
             Lens::Thin { half_width, radius, focus } => {
-                let [lens_x, lens_y] = thin_lens::disk_point(lens).map(|value| value * radius);
-                let offset = right * lens_x + up * lens_y;
+                let [lens_x, lens_y, _] = single::concentric_disk(lens);
+                let offset = (right * lens_x + up * lens_y) * radius;
                 let focused = (forward + right * (x * half_width) + up * (y * half_width)) * focus;
                 Ray::new(origin + offset, (focused - offset).normalize())
             }

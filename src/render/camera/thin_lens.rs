@@ -5,7 +5,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::math::turn;
 use crate::render::camera::Lens;
 use crate::render::camera::perspective::{self, Perspective};
 use crate::render::scene::vector::Vector;
@@ -50,12 +49,4 @@ impl ThinLens {
             radius => Lens::Thin { half_width, radius, focus: self.focus_distance },
         }
     }
-}
-
-/// A point of the unit disk, uniform in area: radius sqrt(u), angle 2 pi v.
-#[inline]
-pub(crate) fn disk_point(point: [f32; 2]) -> [f32; 2] {
-    let (sine, cosine) = turn::sin_cos(point[1]);
-    let radius = point[0].sqrt();
-    [radius * cosine, radius * sine]
 }

@@ -18,6 +18,7 @@ use rayon::prelude::*;
 use crate::image::raster::Raster;
 use crate::light::envmap::{EnvMap, solid_angle_of_pixel};
 use crate::math::elementary;
+use crate::math::single;
 use crate::math::turn;
 use crate::render::sampler::unit;
 
@@ -158,7 +159,8 @@ impl Environment {
         // The density is constant over the solid angle: heights are uniform between the edges of the row.
         let height = band.top + (band.bottom - band.top) * across;
         let sine = (height * (2.0 - height)).sqrt();
-        let (z, x) = turn::sin_cos((column as f32 + along) / self.width as f32 - self.rotation);
+        let turned = (column as f32 + along) / self.width as f32 - self.rotation;
+        let (z, x) = single::sin_cos_of_turns(if turned < 0.0 { turned + 1.0 } else { turned });
         let direction = Vec3::new(sine * x, band.side * (1.0 - height), sine * z);
         let radiance = Vec3::from_array(self.radiance[row * self.width + column]);
         Some(EnvironmentSample { direction, radiance, pdf: table.pdf(row, column) })
@@ -204,7 +206,7 @@ const UNIFORM_PDF: f32 = 0.079_577_47;
 fn uniform_sphere(point: [f32; 2]) -> Vec3 {
     let y = 1.0 - 2.0 * point[1];
     let sine = (1.0 - y * y).max(0.0).sqrt();
-    let (z, x) = turn::sin_cos(point[0]);
+    let (z, x) = single::sin_cos_of_turns(point[0]);
     Vec3::new(sine * x, y, sine * z)
 }
 

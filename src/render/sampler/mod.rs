@@ -155,6 +155,21 @@ impl Numbers<'_> {
         }
     }
 
+    /// Draw `part` of `count` from one set: as if the pixel had `count` times as many samples.
+    #[inline]
+    pub fn bits_of_part(&self, set: u32, part: u32, count: u32) -> [u32; 2] {
+        let index = self.index.wrapping_mul(count).wrapping_add(part);
+        match self.pixel.kind {
+            // Strata are laid out for the samples of a pixel; further draws have strata of their own.
+            SamplerKind::Stratified(_) => {
+                let key = mixed(set_key(self.pixel.key, set) ^ u64::from(part));
+                let sample = Numbers { pixel: &PixelSampler { key, ..*self.pixel }, ..*self };
+                sample.bits(set)
+            }
+            _ => self.pixel.sample(index).bits(set),
+        }
+    }
+
     /// Two uniform numbers on [0, 1), multiples of 2^-24.
     #[inline]
     pub fn pair(&self, set: u32) -> [f32; 2] {
