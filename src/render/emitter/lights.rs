@@ -125,7 +125,7 @@ impl Lights {
                 Some(LightSample { direction, radiance, pdf: sample.pdf * probability, is_delta: false, target: None })
             }
             Source::Area { shape, radiance } => {
-                let sample = geometry.sample_area(*shape, reference, bits.map(unit))?;
+                let sample = geometry.sample(*shape, reference, bits.map(unit))?;
                 let direction = (sample.position - reference).normalize();
                 // It shines on the side of its normal alone.
                 if direction.dot(sample.normal) >= 0.0 {
@@ -171,9 +171,9 @@ impl Lights {
 
     /// Density of drawing the point of a shining surface from a reference point, per steradian there.
     #[inline]
-    pub fn area_pdf(&self, geometry: &Geometry, reference: Vec3, ray: &Ray, surface: &Surface) -> f32 {
+    pub fn area_pdf(&self, geometry: &Geometry, reference: Vec3, surface: &Surface) -> f32 {
         let light = self.of_shape[surface.shape as usize];
-        if light == NONE { 0.0 } else { geometry.area_pdf(reference, ray, surface) * self.probability(light as usize) }
+        if light == NONE { 0.0 } else { geometry.pdf(reference, surface) * self.probability(light as usize) }
     }
 
     fn probability(&self, light: usize) -> f32 {
@@ -223,10 +223,12 @@ impl Source {
     /// About how much light it sends into the scene.
     fn power(&self, geometry: &Geometry) -> f64 {
         use std::f64::consts::PI;
-        let radius = f64::from(geometry.radius());
+        let bounds = geometry.bounds();
+        let radius = 0.5 * f64::from((bounds.max - bounds.min).length());
+        let radius = if radius.is_finite() { radius } else { 1.0 };
         match self {
             Self::Environment(environment) => 4.0 * PI * PI * radius * radius * environment.mean_luminance(),
-            Self::Area { shape, radiance } => PI * f64::from(geometry.area(*shape)) * luminance(mean(radiance)),
+            Self::Area { shape, radiance } => PI * geometry.area(*shape) * luminance(mean(radiance)),
             Self::Point { intensity, .. } => 4.0 * PI * luminance(*intensity),
             Self::Directional { irradiance, .. } => PI * radius * radius * luminance(*irradiance),
         }

@@ -176,7 +176,7 @@ impl Transporter {
             Origin::Unique => emitted,
             Origin::Scattered { .. } if self.strategy == Strategy::Emitter => Vec3::ZERO,
             Origin::Scattered { reference, pdf } => {
-                emitted * self.weight_of_hit(pdf, scene.lights.area_pdf(&scene.geometry, reference, ray, surface))
+                emitted * self.weight_of_hit(pdf, scene.lights.area_pdf(&scene.geometry, reference, surface))
             }
         }
     }
