@@ -75,12 +75,10 @@ impl Default for Fold {
 }
 
 impl Fold {
-    /// Begins with a finished node of 2^level samples.
-    pub fn starting_with(sums: Sums, level: u32) -> Self {
-        let mut fold = Self::default();
-        fold.nodes[level as usize] = sums;
-        fold.count = 1 << level;
-        fold
+    /// Begins again with a finished node of 2^level samples.
+    pub fn restart(&mut self, sums: Sums, level: u32) {
+        self.nodes[level as usize] = sums;
+        self.count = 1 << level;
     }
 
     /// Forgets everything.
@@ -361,7 +359,8 @@ mod tests {
         let samples = samples(256);
         for level in 0..8 {
             let (before, after) = samples.split_at(1 << level);
-            let mut fold = Fold::starting_with(folded(before), level);
+            let mut fold = Fold::default();
+            fold.restart(folded(before), level);
             after.iter().for_each(|sample| fold.add(*sample));
             assert_eq!(fold.total(), folded(&samples));
         }

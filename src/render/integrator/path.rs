@@ -7,8 +7,8 @@
 
 use glam::Vec3;
 
-use crate::render::bsdf::shading::Shading;
 use crate::render::bsdf::Transport;
+use crate::render::bsdf::shading::Shading;
 use crate::render::emitter::environment::Density;
 use crate::render::film::Background;
 use crate::render::integrator::Strategy;
@@ -62,6 +62,16 @@ enum Origin {
 }
 
 impl Transporter {
+    /// Paths without scattering, for what the camera sees first.
+    pub const EMITTERS_ALONE: Self = Self {
+        max_depth: 0,
+        roulette_depth: 0,
+        strategy: Strategy::Emitter,
+        density: Density::Uniform,
+        emitter_samples: 1,
+        clamp_indirect: f32::INFINITY,
+    };
+
     /// Radiance along a camera ray, and what it sees first.
     pub fn radiance(&self, scene: &Scene, camera_ray: Ray, numbers: &Numbers<'_>) -> (Vec3, FirstHit) {
         let mut ray = camera_ray;
