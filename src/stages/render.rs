@@ -1,5 +1,6 @@
 //! The kind `render`.
 
+use std::num::NonZeroU32;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
@@ -68,12 +69,27 @@ impl Stage for Render {
         film.pixel_count() as u64 * per_pixel + 2 * inputs.values().sum::<u64>()
     }
 
+    /// The same with a smaller power of two of samples in each replicate.
+    fn prefixes(&self) -> Vec<Self> {
+        let scene = &self.scene.0;
+        let (count, replicates) = (scene.samples_per_replicate(), scene.replicates());
+        let counts = (0..count.max(1).ilog2() + 1).rev().map(|level| 1 << level).filter(|fewer| *fewer < count);
+        let with = |samples: NonZeroU32| {
+            let mut fewer = self.clone();
+            fewer.scene.0.sampler = scene.sampler.with_samples(samples);
+            fewer
+        };
+        let counts = counts.filter(|_| scene.sampler.is_prefix_stable());
+        counts.filter_map(|count: u32| NonZeroU32::new(count.checked_mul(replicates)?)).map(with).collect()
+    }
+
     fn run(&self, job: &Job<'_>) -> Result<(Image, Film), StageError> {
         let description = &self.scene.0;
         let scene = self.compiled(job)?;
+        let start = job.earlier::<Film>();
         let block = Block { first: 0, count: description.samples_per_replicate() };
         let window = Window::whole(description.film.resolution);
-        let request = Request { window, block, replicates: description.replicates(), start: None };
+        let request = Request { window, block, replicates: description.replicates(), start: start.as_deref() };
         let film = picture::render(&scene, &request, || job.check(), |part| job.report_progress(part))?;
         warn(&scene, &film, job);
         Ok((film.image(&description.film), film))

@@ -160,10 +160,9 @@ mod tests {
     #[test]
     fn an_archive_has_the_channels_that_are_used() {
         let saved = film().save("npz", &Origin::default()).unwrap();
-        let archive = zip::ZipArchive::new(io::Cursor::new(saved.bytes)).unwrap();
-        let mut names: Vec<&str> = archive.file_names().collect();
-        names.sort_unstable();
-        assert_eq!(names, ["color_r.npy", "coverage.npy", "samples.npy"]);
+        let mut archive = zip::ZipArchive::new(io::Cursor::new(saved.bytes)).unwrap();
+        let has = ["color_r.npy", "coverage.npy", "samples.npy"].map(|name| archive.by_name(name).is_ok());
+        assert_eq!((archive.len(), has), (3, [true; 3]));
         assert!(film().save("exr", &Origin::default()).is_err());
     }
 }
