@@ -4,5 +4,6 @@
 //! and shows by controls that what it should refuse, it refuses.
 
 mod estimators;
+mod render;
 mod sampling;
 mod shared;
