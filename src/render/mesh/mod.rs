@@ -88,7 +88,9 @@ const MOST_TRIANGLES: usize = 1 << 29;
 impl Mesh {
     /// Checks the arrays; leaves out triangles without an area, and says how many.
     ///
-    /// Normals come out with unit length; a zero normal is replaced by that of a triangle around its vertex.
+    /// Normals come out with unit length; a zero normal is replaced by that of a triangle around its vertex. Where the
+    /// normals of a triangle say that its corners stand in the wrong order, they are put right: files are seldom wrong
+    /// about normals and often about that.
     pub fn new(arrays: Arrays) -> Result<(Self, usize), MeshError> {
         let Arrays { positions, mut normals, uvs, mut triangles } = arrays;
         check_numbers(&positions, &normals, &uvs)?;
@@ -107,6 +109,9 @@ impl Mesh {
             return Err(MeshError::Empty { degenerate });
         }
         normals.iter_mut().for_each(|normal| *normal = normal.try_normalize().unwrap_or(Vec3::ZERO));
+        if !normals.is_empty() {
+            triangles.iter_mut().filter(|corners| is_inside_out(**corners, &positions, &normals)).for_each(|corners| corners.swap(1, 2));
+        }
         let mut mesh = Self { positions, normals, uvs, triangles };
         mesh.fill_missing_normals();
         Ok((mesh, degenerate))
@@ -213,6 +218,11 @@ fn has_area(points: [Vec3; 3]) -> bool {
     edges[0].cross(edges[1]).length() > 1e-7 * longest
 }
 
+fn is_inside_out(corners: [u32; 3], positions: &[Vec3], normals: &[Vec3]) -> bool {
+    let of_vertices: Vec3 = corners.iter().map(|&corner| normals[corner as usize]).sum();
+    face_normal(corners.map(|corner| positions[corner as usize])).dot(of_vertices) < 0.0
+}
+
 fn check_numbers(positions: &[Vec3], normals: &[Vec3], uvs: &[[f32; 2]]) -> Result<(), MeshError> {
     let expected = positions.len();
     for (what, found) in [("normal", normals.len()), ("texture coordinate", uvs.len())] {
@@ -288,8 +298,20 @@ mod tests {
     fn a_zero_normal_becomes_that_of_its_triangle() {
         let mut arrays = tetrahedron();
         arrays.normals = vec![Vec3::ZERO, 2.0 * Vec3::X, Vec3::Y, Vec3::Z];
+        arrays.triangles.truncate(3);
         let (mesh, _) = Mesh::new(arrays).unwrap();
         assert_eq!(mesh.normals(), [-Vec3::Z, Vec3::X, Vec3::Y, Vec3::Z]);
+    }
+
+    #[test]
+    fn corners_in_the_wrong_order_are_turned_by_the_normals() {
+        let mut arrays = tetrahedron();
+        arrays.normals = arrays.positions.iter().map(|position| *position - Vec3::splat(0.25)).collect();
+        let right = Mesh::new(arrays.clone()).unwrap().0;
+        arrays.triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
+        let turned = Mesh::new(arrays.clone()).unwrap().0;
+        assert_eq!(right.triangles(), tetrahedron().triangles);
+        assert_eq!(turned.triangles(), right.triangles());
     }
 
     #[test]
