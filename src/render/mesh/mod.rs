@@ -2,7 +2,13 @@
 //!
 //! A [`Mesh`] is finite, its indices exist and its triangles have an area, so whoever takes one need not look again.
 //! Readers take bytes and never more memory than a small multiple of them. Reading order: this file, `obj`, `ply`,
-//! `gltf`, `write`, `generated`.
+//! `gltf`, `read`, `write`; formulas are in `shape::generated`.
+
+pub mod gltf;
+pub mod obj;
+pub mod ply;
+pub mod read;
+pub mod write;
 
 use glam::Vec3;
 
@@ -115,6 +121,17 @@ impl Mesh {
         let mut mesh = Self { positions, normals, uvs, triangles };
         mesh.fill_missing_normals();
         Ok((mesh, degenerate))
+    }
+
+    /// The mesh that has exactly these arrays, if a mesh can have them.
+    pub fn restored(arrays: Arrays) -> Option<Self> {
+        let Arrays { positions, normals, uvs, triangles } = arrays;
+        check_numbers(&positions, &normals, &uvs).ok()?;
+        let exists = |corner: &u32| (*corner as usize) < positions.len();
+        let is_sound = !triangles.is_empty() && triangles.len() <= MOST_TRIANGLES && triangles.as_flattened().iter().all(exists);
+        let is_unit = |normal: &Vec3| (normal.length_squared() - 1.0).abs() < 1e-5;
+        let has_areas = || triangles.iter().all(|corners| has_area(corners.map(|corner| positions[corner as usize])));
+        (is_sound && normals.iter().all(is_unit) && has_areas()).then_some(Self { positions, normals, uvs, triangles })
     }
 
     /// Corners.

@@ -6,6 +6,7 @@ pub mod envmap;
 pub mod figure;
 pub mod image;
 pub mod lights;
+pub mod mesh;
 pub mod picture;
 pub mod samples;
 pub mod table;
