@@ -32,10 +32,12 @@ impl Frame {
     pub fn along(normal: Vec3, tangent: Vec3) -> Self {
         let flat = tangent - normal * normal.dot(tangent);
         let length_squared = flat.length_squared();
-        if length_squared <= 1e-12 * tangent.length_squared() || !length_squared.is_normal() {
+        if length_squared <= 1e-10 * tangent.length_squared() || !length_squared.is_normal() {
             return Self::about(normal);
         }
+        // Once more, since the first difference has lost digits where the two are nearly parallel.
         let tangent = flat / length_squared.sqrt();
+        let tangent = (tangent - normal * normal.dot(tangent)).normalize();
         Self { tangent, bitangent: normal.cross(tangent), normal }
     }
 

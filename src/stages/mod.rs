@@ -18,6 +18,7 @@ pub mod plot;
 pub mod profile;
 pub mod rasters;
 pub mod relight;
+pub mod render;
 pub mod sample;
 pub mod synthesize;
 pub mod table;
@@ -31,6 +32,7 @@ use crate::light::distribution::Distribution;
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
 use crate::light::samples::SampleSet;
+use crate::render::film::sums::Film;
 use crate::stages::distribution::DistributionStage;
 use crate::stages::profile::ProfileStage;
 use crate::stages::sample::SampleStage;
@@ -47,6 +49,7 @@ pub fn registry() -> Registry {
         .with::<median_cut::MedianCut>()
         .with::<mark::Mark>()
         .with::<relight::Relight>()
+        .with::<render::Render>()
         .with::<fresnel::Fresnel>()
         .with::<tone_map::ToneMap>()
         .with::<compare::Compare>()
@@ -62,4 +65,5 @@ pub fn registry() -> Registry {
         .with_artifact::<LightSet>()
         .with_artifact::<Table>()
         .with_artifact::<Chart>()
+        .with_artifact::<Film>()
 }

@@ -153,7 +153,7 @@ fn folder_of(file: &Path) -> PathBuf {
 }
 
 fn sources(sources: &Sources, folder: &Path) -> Vec<Source> {
-    let files = sources.files().iter();
+    let files = sources.files();
     files.map(|file| Source { path: relative(Path::new(&file.shown), folder), text: file.text.clone() }).collect()
 }
 
@@ -282,11 +282,13 @@ impl Layout<'_, '_, '_> {
         let seed = instance.draws().then(|| own_seed(&roles).unwrap_or(world.document.seed));
         let publications = self.publications(stage, typed, &coordinate, findings);
         let parameters = instance.parameters();
+        let in_key = |field: &RoleField| json!({ "file": field.path.to_string() });
         let is_selected = |selections: &[Selection]| selections.iter().any(|one| one.stage == stage && one.takes(&placed.relation, row));
         Some(JobNode {
             stage,
             coordinate,
-            canonical: self.described(draft, parameters.clone(), &roles, seed, |field| json!({ "file": field.path.to_string() })),
+            canonical: self.described(draft, parameters.clone(), &roles, seed, in_key),
+            prefixes: instance.prefixes().into_iter().map(|prefix| self.described(draft, prefix, &roles, seed, in_key)).collect(),
             shown: self.described(draft, parameters, &roles, seed, |field| self.shown_file(&field.node)),
             parameters: instance,
             inputs,

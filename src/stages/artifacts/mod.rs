@@ -4,6 +4,7 @@ pub mod canonical;
 pub mod distribution;
 pub mod envmap;
 pub mod figure;
+pub mod film;
 pub mod image;
 pub mod lights;
 pub mod picture;
