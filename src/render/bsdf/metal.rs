@@ -53,7 +53,7 @@ pub enum ConductorFresnel {
     /// Fresnel's equations for a complex index and unpolarized light.
     #[default]
     Exact,
-    /// The usual approximation for large eta² + k² (CS184); off by at most 0.0067 for copper.
+    /// The usual approximation for large eta² + k² (CS184); off by at most 0.0067 for copper (`cie-rgb`).
     Approximate,
 }
 
@@ -150,4 +150,80 @@ impl ComplexIndex {
 #[inline]
 fn square_root(v: Vec3) -> Vec3 {
     Vec3::new(v.x.sqrt(), v.y.sqrt(), v.z.sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NAMED: [Metal; 5] = [Metal::Aluminum, Metal::Copper, Metal::Gold, Metal::Platinum, Metal::Silver];
+
+    /// ((eta - 1)² + k²) / ((eta + 1)² + k²) as published beside the indices.
+    #[test]
+    fn reflectances_along_the_normal_are_the_published_ones() {
+        let rows = [
+            (Metal::Copper, [0.95215, 0.61967, 0.51058], [0.88726, 0.62061, 0.55066]),
+            (Metal::Gold, [0.96666, 0.80220, 0.32405], [0.92767, 0.78825, 0.40322]),
+            (Metal::Silver, [0.97480, 0.95754, 0.90627], [0.98697, 0.98290, 0.97897]),
+            (Metal::Aluminum, [0.92805, 0.91780, 0.91891], [0.90998, 0.91542, 0.92062]),
+            (Metal::Platinum, [0.71959, 0.62549, 0.55368], [0.66762, 0.64195, 0.59816]),
+        ];
+        for (metal, cie, three) in rows {
+            for (spectrum, expected) in [(Spectrum::CieRgb, cie), (Spectrum::ThreeWavelengths, three)] {
+                for fresnel in [ConductorFresnel::Exact, ConductorFresnel::Approximate] {
+                    let found = metal.index(spectrum).reflectance(1.0, fresnel);
+                    assert!((found - Vec3::from_array(expected)).abs().max_element() < 2e-5, "{metal:?} {spectrum:?}: {found}");
+                }
+            }
+        }
+    }
+
+    /// Fresnel's coefficients with complex numbers: r_s = (c - n t) / (c + n t), r_p = (n c - t) / (n c + t),
+    /// with n t = sqrt(n² - s²).
+    fn by_complex_numbers(eta: f64, k: f64, c: f64) -> f64 {
+        let square_root = |(re, im): (f64, f64)| {
+            let length = (re * re + im * im).sqrt();
+            (((length + re) / 2.0).sqrt(), ((length - re) / 2.0).sqrt().copysign(im))
+        };
+        let times = |a: (f64, f64), b: (f64, f64)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
+        let ratio = |a: (f64, f64), b: (f64, f64)| {
+            let (minus, plus) = ((a.0 - b.0, a.1 - b.1), (a.0 + b.0, a.1 + b.1));
+            (minus.0 * minus.0 + minus.1 * minus.1) / (plus.0 * plus.0 + plus.1 * plus.1)
+        };
+        let squared = times((eta, k), (eta, k));
+        let nt = square_root((squared.0 - (1.0 - c * c), squared.1));
+        (ratio((c, 0.0), nt) + ratio((squared.0 * c, squared.1 * c), nt)) / 2.0
+    }
+
+    #[test]
+    fn exact_reflectances_are_those_of_complex_numbers() {
+        for metal in NAMED {
+            let index = metal.index(Spectrum::CieRgb);
+            for step in 0..=100_u8 {
+                let c = f32::from(step) / 100.0;
+                let found = index.reflectance(c, ConductorFresnel::Exact);
+                for channel in 0..3 {
+                    let exact = by_complex_numbers(f64::from(index.eta[channel]), f64::from(index.k[channel]), f64::from(c));
+                    assert!((f64::from(found[channel]) - exact).abs() < 2e-6, "{metal:?} at {c}: {found} {exact}");
+                }
+            }
+        }
+    }
+
+    /// Section 7 of the specification: off by at most .0067 for copper.
+    #[test]
+    fn the_approximation_errs_by_the_published_amount() {
+        let index = Metal::Copper.index(Spectrum::CieRgb);
+        let error = |c: f32| index.reflectance(c, ConductorFresnel::Exact) - index.reflectance(c, ConductorFresnel::Approximate);
+        let worst = (0..=1000_u16).map(|step| error(f32::from(step) / 1000.0).abs().max_element()).fold(0.0, f32::max);
+        assert!((worst - 0.0067).abs() < 5e-5, "{worst}");
+    }
+
+    #[test]
+    fn the_ideal_metal_reflects_everything() {
+        for step in 0..=100_u8 {
+            let found = Metal::Ideal.index(Spectrum::CieRgb).reflectance(f32::from(step) / 100.0, ConductorFresnel::Exact);
+            assert!((found - Vec3::ONE).abs().max_element() < 1e-6, "{found}");
+        }
+    }
 }

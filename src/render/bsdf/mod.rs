@@ -6,12 +6,16 @@
 //! Values include the cosine of the incoming direction; densities are per steradian.
 //!
 //! Reading order: this file, `diffuse`, `mirror`, `dielectric`, `metal`, `conductor`, `microfacet`,
-//! `rough_conductor`, `rough_dielectric`, `plastic`, `shading`. A new kind is a file and its rows in the enums below.
+//! `rough_conductor`, `rough_dielectric`, `plastic`, `material`, `shading`, `measure`. A new kind is a file and its rows in
+//! the enums below and in `material`.
 
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
+#[cfg(test)]
+mod laws;
 pub mod material;
+pub mod measure;
 pub mod metal;
 pub mod microfacet;
 pub mod mirror;
@@ -177,6 +181,11 @@ impl Bsdf {
     /// A lobe on those sides of a surface, whose directions are drawn in that way.
     pub fn new(lobe: Lobe, sides: Sides, directions: DirectionSampling) -> Self {
         Self { lobe, sides, directions }
+    }
+
+    /// What it is made of.
+    pub fn lobe(&self) -> &Lobe {
+        &self.lobe
     }
 
     /// Draws a direction; `choice` picks among lobes, `point` a direction within one, all uniform on [0, 1).

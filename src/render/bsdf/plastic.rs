@@ -105,32 +105,32 @@ pub struct Plastic {
 impl Plastic {
     /// Probability of drawing the mirrored direction, where that share is mirrored.
     #[inline]
-    fn specular_probability(&self, reflected: f32) -> f32 {
+    fn specular_probability(&self, (reflected, passing): (f32, f32)) -> f32 {
         let mirror = reflected * self.specular_share;
-        let body = (1.0 - reflected) * (1.0 - self.specular_share);
+        let body = passing * (1.0 - self.specular_share);
         // Both are zero only for a grazing direction on a coat that mirrors nothing.
         if mirror + body > 0.0 { mirror / (mirror + body) } else { 1.0 }
     }
 
     /// (rho / pi) (1 - F(i)) (1 - F(o)) eta^-2 / (1 - Fi) cos_i.
     #[inline]
-    fn body_value(&self, incoming: Vec3, reflected: f32) -> Vec3 {
-        let passing = (1.0 - reflected) * (1.0 - self.interface.reflectance(incoming.z));
-        self.body * (passing * incoming.z * FRAC_1_PI)
+    fn body_value(&self, incoming: Vec3, (_, passing): (f32, f32)) -> Vec3 {
+        let passing_in = self.interface.shares(incoming.z).1;
+        self.body * (passing * passing_in * incoming.z * FRAC_1_PI)
     }
 
     /// The mirrored direction, or one by the cosine.
     #[inline]
     pub fn sample(&self, outgoing: Vec3, choice: f32, point: [f32; 2], _: Transport) -> Option<BsdfSample> {
-        let reflected = self.interface.reflectance(outgoing.z);
-        let probability = self.specular_probability(reflected);
+        let shares = self.interface.shares(outgoing.z);
+        let probability = self.specular_probability(shares);
         if choice < probability {
-            let weight = self.specular * (reflected / probability);
+            let weight = self.specular * (shares.0 / probability);
             return Some(BsdfSample { direction: mirrored(outgoing), weight, pdf: probability, is_delta: true, eta: 1.0 });
         }
         let direction = Vec3::from_array(single::cosine_hemisphere(point));
         let pdf = (1.0 - probability) * direction.z * FRAC_1_PI;
-        let weight = self.body_value(direction, reflected) / pdf;
+        let weight = self.body_value(direction, shares) / pdf;
         (pdf > 0.0).then_some(BsdfSample { direction, weight, pdf, is_delta: false, eta: 1.0 })
     }
 
@@ -140,17 +140,17 @@ impl Plastic {
         if incoming.z <= 0.0 {
             return (Vec3::ZERO, 0.0);
         }
-        let reflected = self.interface.reflectance(outgoing.z);
-        let pdf = (1.0 - self.specular_probability(reflected)) * incoming.z * FRAC_1_PI;
-        (self.body_value(incoming, reflected), pdf)
+        let shares = self.interface.shares(outgoing.z);
+        let pdf = (1.0 - self.specular_probability(shares)) * incoming.z * FRAC_1_PI;
+        (self.body_value(incoming, shares), pdf)
     }
 
     /// What comes back of light along the normal: F specular + (1 - F) body int (1 - F(i)) cos / pi.
     ///
     /// The integral is 1 - Fe = eta² (1 - Fi), by the identity of the means from both sides.
     pub fn albedo(&self) -> Vec3 {
-        let reflected = self.interface.reflectance(1.0);
+        let (reflected, passing) = self.interface.shares(1.0);
         let leaving = self.eta * self.eta * (1.0 - self.inner_mean);
-        self.specular * reflected + self.body * ((1.0 - reflected) * leaving)
+        self.specular * reflected + self.body * (passing * leaving)
     }
 }

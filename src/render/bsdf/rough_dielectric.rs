@@ -114,11 +114,11 @@ impl RoughDielectric {
         if cos_oh <= 0.0 {
             return None;
         }
-        let reflected = self.interface.reflectance(cos_oh.copysign(outgoing.z));
+        let (reflected, passing) = self.interface.shares(cos_oh.copysign(outgoing.z));
         if choice < reflected {
             self.sample_reflection(outgoing, half, cos_oh, reflected)
         } else {
-            self.sample_refraction(outgoing, half, cos_oh, 1.0 - reflected, transport)
+            self.sample_refraction(outgoing, half, cos_oh, passing, transport)
         }
     }
 
@@ -165,20 +165,23 @@ impl RoughDielectric {
             return (Vec3::ZERO, 0.0);
         }
         let (masking, density) = self.facets.masking_and_density(outgoing, incoming, half.z.abs(), cos_oh);
-        let reflected = self.interface.reflectance(cos_oh.min(1.0).copysign(outgoing.z));
+        // The share is the same from both sides; on the thinner one it does not hang on the last digits of a cosine.
+        let is_thinner = is_reflection || eta > 1.0;
+        let (reflected, passing) =
+            self.interface.shares(if is_thinner { cos_oh.copysign(outgoing.z) } else { cos_ih.abs().copysign(incoming.z) });
         if is_reflection {
             let quarter = reflected * self.facets.density(half, 1.0) * 0.25;
             return (self.reflectance * (masking * quarter), density * quarter);
         }
         let jacobian = cos_oh * cos_ih.abs() * (eta * eta) / length2;
-        let passing = (1.0 - reflected) * self.facets.density(half, 1.0) * jacobian;
-        (self.transmittance * (masking * passing / compression(eta, transport)), density * passing)
+        let passed = passing * self.facets.density(half, 1.0) * jacobian;
+        (self.transmittance * (masking * passed / compression(eta, transport)), density * passed)
     }
 
     /// What a smooth boundary reflects and passes along the normal.
     pub fn albedo(&self) -> Vec3 {
-        let reflected = self.interface.reflectance(1.0);
-        self.reflectance * reflected + self.transmittance * (1.0 - reflected)
+        let (reflected, passing) = self.interface.shares(1.0);
+        self.reflectance * reflected + self.transmittance * passing
     }
 }
 
