@@ -162,3 +162,239 @@ impl Line<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use super::*;
+    use crate::image::raster::{Image, Raster};
+    use crate::light::envmap::EnvMap;
+    use crate::light::test_maps;
+    use crate::render::scene::SceneDescription;
+    use crate::render::scene::compiled::Surroundings;
+
+    fn description(text: &str) -> SceneDescription {
+        let description: SceneDescription = serde_yaml::from_str(text).unwrap();
+        assert_eq!(description.mistakes(), []);
+        description
+    }
+
+    fn compiled(description: &SceneDescription, env: Option<&EnvMap>) -> Scene {
+        let surroundings = Surroundings { env, lights: None, seed: 5 };
+        Scene::new(description, &surroundings, |_| unreachable!("no meshes"), || Ok::<(), Infallible>(())).unwrap()
+    }
+
+    fn film(description: &SceneDescription, env: Option<&EnvMap>, window: Window, block: Block, start: Option<&Film>) -> Film {
+        let request = Request { window, block, replicates: description.replicates(), start };
+        render(&compiled(description, env), &request, || Ok::<(), Infallible>(()), |_| ()).unwrap()
+    }
+
+    fn whole(description: &SceneDescription, env: Option<&EnvMap>) -> Film {
+        let block = Block { first: 0, count: description.samples_per_replicate() };
+        film(description, env, Window::whole(description.film.resolution), block, None)
+    }
+
+    fn image(text: &str, env: Option<&EnvMap>) -> Image {
+        let description = description(text);
+        let film = whole(&description, env);
+        assert_eq!(film.refused, Refused::default(), "{text}");
+        film.image(&description.film)
+    }
+
+    /// A sphere on a plate, some glass, under a lamp and a map.
+    const STILL: &str = "
+camera: { perspective: { origin: [0, 1, 5] } }
+film: { resolution: [12, 9], layers: [albedo, normal, depth, variance] }
+sampler: SAMPLER
+integrator: { path: { max_depth: 5 } }
+shapes:
+  - { sphere: { center: [-0.5, 0, 0], radius: 0.7 }, bsdf: { diffuse: { reflectance: [0.8, 0.4, 0.2] } } }
+  - { sphere: { center: [0.8, 0, 0.3], radius: 0.5 }, bsdf: { dielectric: {} } }
+  - { rectangle: {}, transform: [{ rotate: { axis: [1, 0, 0], degrees: -90 } }, { scale: 3 }, { translate: [0, -0.7, 0] }] }
+  - { disk: {}, transform: [{ rotate: { axis: [1, 0, 0], degrees: 90 } }, { translate: [0, 3, 0] }], emitter: { area: { radiance: 5 } } }
+emitters:
+  - { point: { position: [2, 2, 2], intensity: 3 } }
+  - { environment: { strength: 0.5, rotate_degrees: 30 } }
+";
+
+    fn still(sampler: &str) -> SceneDescription {
+        description(&STILL.replace("SAMPLER", sampler))
+    }
+
+    #[test]
+    fn parts_in_any_cut_and_thread_count_have_the_bytes_of_one_piece() {
+        let map = test_maps::noisy(32, 16);
+        for sampler in ["{ independent: { samples_per_pixel: 64 } }", "{ sobol: { samples_per_pixel: 64, replicates: 4 } }"] {
+            let description = still(sampler);
+            let count = description.samples_per_replicate();
+            let window = Window::whole([12, 9]);
+            let block = |first, count| Block { first, count };
+            let part = |window, block| film(&description, Some(&map), window, block, None);
+            let all = part(window, block(0, count));
+            let single = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+            assert_eq!(single.install(|| part(window, block(0, count))), all);
+
+            let half = part(window, block(0, count / 2));
+            assert_eq!(half.followed_by(&part(window, block(count / 2, count / 2))).unwrap(), all);
+            for level in 0..=count.ilog2() {
+                let start = part(window, block(0, 1 << level));
+                assert_eq!(film(&description, Some(&map), window, block(0, count), Some(&start)), all, "from {}", 1 << level);
+            }
+            let tile = |x0, y0, x1, y1| part(Window { x0, y0, x1, y1 }, block(0, count));
+            let tiles = [tile(0, 0, 5, 9), tile(5, 0, 12, 4), tile(5, 4, 12, 9)];
+            assert_eq!(Film::from_tiles(window, &tiles).unwrap(), all);
+        }
+    }
+
+    #[test]
+    fn a_start_that_does_not_fit_is_not_used() {
+        let description = still("{ independent: { samples_per_pixel: 8 } }");
+        let right = whole(&description, None);
+        let mut start = film(&description, None, Window::whole([12, 9]), Block { first: 0, count: 4 }, None);
+        start.sums.iter_mut().for_each(|sums| sums.0[0] += 1.0);
+        start.window.x1 = 11;
+        let found = film(&description, None, right.window, right.block, Some(&start));
+        assert_eq!(found, right);
+    }
+
+    const SPHERE: &str = "
+film: { resolution: [16, 16], background: transparent, layers: [albedo, normal, depth] }
+camera: { orthographic: {} }
+sampler: { sobol: { samples_per_pixel: 16 } }
+integrator: INTEGRATOR
+shapes: [{ sphere: {}, bsdf: { diffuse: { reflectance: 1 } } }]
+";
+
+    /// Every direction brings 1 and all of it comes back: so does every pixel, whatever is sampled.
+    #[test]
+    fn a_white_sphere_in_a_white_room_cannot_be_seen() {
+        let map = test_maps::constant(8, 4, [1.0; 3]);
+        for (integrator, tolerance) in [
+            ("{ direct: { strategy: bsdf } }", 1e-5),
+            ("{ path: { strategy: bsdf } }", 1e-5),
+            ("{ direct: {} }", 0.5),
+            ("{ direct: { strategy: emitter, emitter_samples: 64 } }", 0.1),
+        ] {
+            let image = image(&SPHERE.replace("INTEGRATOR", integrator), Some(&map));
+            for (pixel, alpha) in image.color.pixels().iter().zip(&image.alpha.as_ref().unwrap().values) {
+                let expected = if *alpha > 0.0 { 1.0 } else { 0.0 };
+                // Edge pixels have few samples.
+                let tolerance = if *alpha < 1.0 { 10.0 * tolerance } else { tolerance };
+                assert!((pixel[1] - expected).abs() < tolerance, "{integrator}: {pixel:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn layers_show_the_first_surface() {
+        let image = image(&SPHERE.replace("INTEGRATOR", "{ normals: {} }"), None);
+        let layer = |name: &str| match &image.layers[name] {
+            crate::image::raster::Layer::Color(raster) => raster.pixel(8, 7),
+            crate::image::raster::Layer::Scalar(plane) => [plane.values[7 * 16 + 8]; 3],
+        };
+        let near = |found: [f32; 3], expected: [f32; 3]| found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 5e-3);
+        assert!(near(layer("normal"), [1.0 / 16.0, 1.0 / 16.0, 0.995]), "{:?}", layer("normal"));
+        assert!(near(layer("depth"), [3.004; 3]), "{:?}", layer("depth"));
+        assert_eq!(layer("albedo"), [1.0; 3]);
+        assert!(near(image.color.pixel(8, 7), [0.531, 0.531, 0.998]), "{:?}", image.color.pixel(8, 7));
+    }
+
+    #[test]
+    fn single_pixel_pole_row_and_black_maps_give_finite_pictures() {
+        let lit = |width: usize, height: usize, is_lit: &dyn Fn(usize) -> bool| {
+            let pixel = |place: usize| if is_lit(place) { [1e6, 1e5, 1e4] } else { [0.0; 3] };
+            EnvMap::new(Raster::new(width, height, (0..width * height).map(pixel).collect()))
+        };
+        let maps = [
+            (lit(1, 1, &|_| true), true),
+            (lit(64, 32, &|place| place == 700), true),
+            (lit(64, 32, &|place| place < 64), true),
+            (lit(64, 32, &|place| place >= 64 * 31), false),
+            (lit(64, 32, &|_| false), false),
+        ];
+        for (map, shines_from_above) in &maps {
+            for integrator in ["{ path: {} }", "{ direct: { environment: uniform } }", "{ path: { strategy: emitter } }"] {
+                let image = image(&SPHERE.replace("INTEGRATOR", integrator), Some(map));
+                let top: f32 = image.color.row(3).iter().map(|pixel| pixel[0]).sum();
+                // The upper half of the sphere sees none of the light from below.
+                assert!(top.is_finite() && (*shines_from_above || top == 0.0), "{integrator} {top}");
+                if *shines_from_above && !integrator.contains("uniform") {
+                    assert!(top > 0.0, "{integrator}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_camera_inside_a_wall_sees_its_inside() {
+        let text = "
+camera: { perspective: { origin: [0, 0, 0], target: [0, 0, -1] } }
+film: { resolution: [6, 6] }
+integrator: { path: { max_depth: 4 } }
+shapes:
+  - { box: { min: [-1, -1, -1], max: [1, 1, 1] }, bsdf: { diffuse: { reflectance: 0.5 } } }
+";
+        let map = test_maps::constant(4, 2, [1.0; 3]);
+        assert!(image(text, Some(&map)).color.pixels().iter().all(|pixel| *pixel == [0.0; 3]), "no light leaks into a closed box");
+        // On the wall itself.
+        let grazing = text.replace("origin: [0, 0, 0], target: [0, 0, -1]", "origin: [0, 0, 1], target: [0, 0, -1]");
+        image(&grazing, Some(&map));
+    }
+
+    #[test]
+    fn depth_counts_scatterings() {
+        let text = "
+camera: { perspective: { origin: [0, 0, 5], fov_degrees: 10 } }
+film: { resolution: [4, 4] }
+integrator: { path: { max_depth: DEPTH } }
+shapes: [{ sphere: { radius: 2 }, bsdf: { mirror: { reflectance: 0.5 } } }]
+";
+        let map = test_maps::constant(4, 2, [1.0; 3]);
+        for (depth, expected) in [("0", 0.0), ("1", 0.5), ("7", 0.5)] {
+            let image = image(&text.replace("DEPTH", depth), Some(&map));
+            assert!((image.color.pixel(1, 1)[0] - expected).abs() < 1e-6, "{depth}");
+        }
+    }
+
+    #[test]
+    fn samples_that_are_not_finite_are_counted_with_the_first_address() {
+        let description = description(&SPHERE.replace("INTEGRATOR", "{ direct: { strategy: emitter } }"));
+        let film = whole(&description, Some(&test_maps::constant(8, 4, [f32::MAX; 3])));
+        let first = film.refused.first.unwrap();
+        assert!(film.refused.count > 100);
+        assert!(first.y <= 1 && film.sums.iter().all(|sums| sums.0.iter().all(|value| value.is_finite())));
+        let again = whole(&description, Some(&test_maps::constant(8, 4, [f32::MAX; 3])));
+        assert_eq!(film.refused, again.refused);
+    }
+
+    #[test]
+    fn parallel_and_point_light_have_their_closed_forms() {
+        let text = "
+camera: { orthographic: { width: 0.01 } }
+film: { resolution: [2, 2] }
+integrator: INTEGRATOR
+shapes: [{ rectangle: {}, bsdf: { diffuse: { reflectance: 0.5 } } }]
+emitters: [EMITTER]
+";
+        use std::f32::consts::FRAC_1_PI;
+        for (emitter, expected) in [
+            ("{ directional: { towards: [0, 3, 4], irradiance: [2, 4, 6] } }", 2.0 * 0.8 * 0.5 * FRAC_1_PI),
+            ("{ point: { position: [0, 0, 2], intensity: [8, 4, 2] } }", 8.0 / 4.0 * 0.5 * FRAC_1_PI),
+            ("{ directional: { towards: [0, 0, -1], irradiance: 5 } }", 0.0),
+        ] {
+            for integrator in ["{ direct: {} }", "{ path: { strategy: bsdf } }", "{ direct: { emitter_samples: 3, strategy: emitter } }"] {
+                let image = image(&text.replace("EMITTER", emitter).replace("INTEGRATOR", integrator), None);
+                assert!((image.color.pixel(0, 0)[0] / expected.max(1e-9) - 1.0).abs() < 1e-4 || expected == image.color.pixel(0, 0)[0]);
+            }
+        }
+    }
+
+    #[test]
+    fn rendering_stops_when_told_to() {
+        let description = still("{ independent: { samples_per_pixel: 4 } }");
+        let scene = compiled(&description, None);
+        let request = Request { window: Window::whole([12, 9]), block: Block { first: 0, count: 4 }, replicates: 1, start: None };
+        assert_eq!(render(&scene, &request, || Err("stop"), |_| ()).unwrap_err(), "stop");
+    }
+}

@@ -205,7 +205,7 @@ mod tests {
     use super::*;
 
     fn map(text: &str) -> Result<DAffine3, TransformError> {
-        affine(&serde_yaml::from_str::<Vec<Step>>(text).unwrap())
+        affine(&serde_json::from_value::<Vec<Step>>(serde_yaml::from_str(text).unwrap()).unwrap())
     }
 
     fn moved(text: &str, point: [f64; 3]) -> DVec3 {

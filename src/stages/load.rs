@@ -1,4 +1,4 @@
-//! `load`: a file, or a synthetic map by name, as a map or an image.
+//! `load`: a file, or a synthetic map by name, as a map, an image or a mesh.
 //!
 //! Values first (`apply_scale`, `sanitize`, `clamp`, `exposure_stops`), then geometry (`flip`,
 //! `rotate_degrees`, `resize`). Knows no format; see `formats`.
@@ -22,8 +22,10 @@ use crate::image::raster::{Image, Layer, Plane, Raster};
 use crate::light::envmap::{Angles, EnvMap};
 use crate::light::synthesis::{self, Synthetic};
 use crate::math::elementary;
+use crate::render::mesh::{self, Mesh};
 
-/// Reads an environment map or an image: PFM, Radiance HDR, OpenEXR, NPY, and for images PNG and PPM.
+/// Reads an environment map or an image: PFM, Radiance HDR, OpenEXR, NPY, and for images PNG and PPM; or a mesh: OBJ,
+/// PLY, glTF, GLB.
 ///
 /// The format is told from the content. Non-finite and negative pixels are counted and reported.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
@@ -65,6 +67,9 @@ pub struct Load {
     /// Multiplies by the unit factor that a PFM header gives (the absolute value of its scale), which few writers mean.
     #[serde(default)]
     pub apply_scale: bool,
+    /// Files in which a glTF file keeps its numbers, found by their names. A GLB and data URIs need none.
+    #[serde(default)]
+    pub buffers: Vec<InputFile>,
 }
 
 /// What a file can be read as.
@@ -75,6 +80,8 @@ pub enum LoadAs {
     Envmap,
     /// An image with its alpha and layers; a picture for displays is made linear by the sRGB curve.
     Image,
+    /// Triangles with the normals and texture coordinates of the file; options of pixels do not apply.
+    Mesh,
 }
 
 /// How pixels are mirrored.
@@ -186,19 +193,24 @@ impl JsonSchema for Resize {
 impl Stage for Load {
     const KIND: &'static str = "load";
     const VERSION: u32 = 1;
-    const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &[EnvMap::TYPE, Image::TYPE] }];
+    const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &[EnvMap::TYPE, Image::TYPE, Mesh::TYPE] }];
     type Output = Vec<AnyArtifact>;
 
     fn result_types(&self, _: &InputTypes) -> Vec<Vec<TypeName>> {
         vec![match self.r#as {
             Some(LoadAs::Envmap) => vec![EnvMap::TYPE],
             Some(LoadAs::Image) => vec![Image::TYPE],
-            None => vec![EnvMap::TYPE, Image::TYPE],
+            Some(LoadAs::Mesh) => vec![Mesh::TYPE],
+            None => vec![EnvMap::TYPE, Image::TYPE, Mesh::TYPE],
         }]
     }
 
     fn decide_type(&mut self, type_name: TypeName) {
-        self.r#as = Some(if type_name == Image::TYPE { LoadAs::Image } else { LoadAs::Envmap });
+        self.r#as = Some(match type_name {
+            _ if type_name == Image::TYPE => LoadAs::Image,
+            _ if type_name == Mesh::TYPE => LoadAs::Mesh,
+            _ => LoadAs::Envmap,
+        });
     }
 
     fn mistakes(&self) -> Vec<Mistake> {
@@ -208,20 +220,23 @@ impl Stage for Load {
             let message = limits.checked("resize", resize.width.into(), height.into()).err()?.to_string();
             Some(Mistake { field: "resize".into(), message, hint: None })
         });
-        let of_map = |field: &str| Mistake {
-            field: field.into(),
-            message: format!("`{field}` is for maps, and this is read as an image"),
-            hint: Some("leave it out, or set `as: envmap`".into()),
+        let (own, other) = match self.r#as {
+            Some(LoadAs::Image) => ("an image", "as: envmap"),
+            Some(LoadAs::Mesh) => ("a mesh", "as: envmap"),
+            _ => ("a map", "as: mesh"),
         };
-        let is_image = self.r#as == Some(LoadAs::Image);
-        let rotate = (is_image && self.rotate_degrees != 0.0).then(|| of_map("rotate_degrees"));
-        let angles = (is_image && self.angles != Angles::Center).then(|| of_map("angles"));
+        let foreign = |field: &str| Mistake {
+            field: field.into(),
+            message: format!("`{field}` means nothing here, since the file is read as {own}"),
+            hint: Some(format!("leave it out, or set `{other}`")),
+        };
+        let set_for_others = self.set_for_others();
         let unknown = self.synthetic_name().filter(|name| !synthesis::NAMES.contains(name)).map(|name| Mistake {
             field: "path".into(),
             message: unknown_map(name),
             hint: Some(known_maps(name)),
         });
-        [unknown, resize, rotate, angles].into_iter().flatten().collect()
+        [unknown, resize].into_iter().flatten().chain(set_for_others.into_iter().map(foreign)).collect()
     }
 
     fn caveats(&self) -> Vec<String> {
@@ -240,6 +255,9 @@ impl Stage for Load {
     }
 
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {
+        if self.r#as == Some(LoadAs::Mesh) {
+            return Ok(vec![AnyArtifact::new(self.read_mesh(job)?)]);
+        }
         let mut image = match self.synthetic_name() {
             Some(name) => Image::opaque(synthesized(name, job)?.raster),
             None => self.read_file(job)?,
@@ -259,6 +277,38 @@ impl Stage for Load {
 impl Load {
     fn synthetic_name(&self) -> Option<&str> {
         self.path.0.to_str()?.strip_prefix("synthetic:")
+    }
+
+    /// Fields that were set and mean nothing to what the file is read as.
+    fn set_for_others(&self) -> Vec<&'static str> {
+        let of_maps = [("rotate_degrees", self.rotate_degrees != 0.0), ("angles", self.angles != Angles::Center)];
+        let of_pixels = [
+            ("clamp", self.clamp.is_some()),
+            ("flip", self.flip != Flip::None),
+            ("resize", self.resize.is_some()),
+            ("exposure_stops", self.exposure_stops != 0.0),
+            ("sanitize", self.sanitize != Sanitize::Keep),
+            ("apply_scale", self.apply_scale),
+        ];
+        let of_meshes = [("buffers", !self.buffers.is_empty())];
+        let fields = match self.r#as {
+            Some(LoadAs::Mesh) => [of_maps.as_slice(), &of_pixels].concat(),
+            Some(LoadAs::Image) => [of_maps.as_slice(), &of_meshes].concat(),
+            Some(LoadAs::Envmap) => of_meshes.to_vec(),
+            None => Vec::new(),
+        };
+        fields.into_iter().filter(|(_, is_set)| *is_set).map(|(field, _)| field).collect()
+    }
+
+    fn read_mesh(&self, job: &Job<'_>) -> Result<Mesh, StageError> {
+        if let Some(name) = self.synthetic_name() {
+            return Err(StageError::content(format!("`synthetic:{}` is a map, not a mesh", formats::escaped(name))));
+        }
+        let buffers = self.buffers.iter().map(|file| Ok((file, job.read(file)?))).collect::<Result<Vec<_>, StageError>>()?;
+        let named = |path: &str| buffers.iter().find(|(file, _)| file.0.ends_with(path)).map(|(_, bytes)| bytes.clone());
+        let (mesh, warnings) = mesh::read::read(&job.read(&self.path)?, &named).map_err(StageError::content)?;
+        warnings.into_iter().for_each(|warning| job.warn(warning));
+        Ok(mesh)
     }
 
     fn read_file(&self, job: &Job<'_>) -> Result<Image, StageError> {
@@ -551,9 +601,21 @@ mod tests {
     }
 
     #[test]
+    fn a_mesh_is_read_with_its_warnings_and_without_options_of_pixels() {
+        let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 1 2\n".to_vec();
+        let (artifact, warnings) = run(&load("as: mesh"), text.clone()).unwrap();
+        let mesh: Arc<Mesh> = artifact.get().unwrap();
+        assert_eq!((mesh.triangles().len(), warnings.len()), (1, 1));
+        let fields = |text: &str| load(text).mistakes().into_iter().map(|mistake| mistake.field).collect::<Vec<_>>();
+        assert_eq!(fields("as: mesh, clamp: 1, angles: edge"), ["angles", "clamp"]);
+        assert_eq!(fields("as: image, buffers: [a]"), ["buffers"]);
+        assert!(run(&load("as: mesh"), b"v 1 2".to_vec()).unwrap_err().to_string().contains("line 1"));
+    }
+
+    #[test]
     fn the_users_decide_what_a_file_is_read_as() {
         let mut stage = load("");
-        assert_eq!(stage.result_types(&Default::default()), [["envmap", "image"]]);
+        assert_eq!(stage.result_types(&Default::default()), [["envmap", "image", "mesh"]]);
         Stage::decide_type(&mut stage, "image");
         assert_eq!(stage.result_types(&Default::default()), [["image"]]);
         assert_eq!(serde_json::to_value(&stage).unwrap()["as"], "image");

@@ -33,6 +33,7 @@ use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
 use crate::light::samples::SampleSet;
 use crate::render::film::sums::Film;
+use crate::render::mesh::Mesh;
 use crate::stages::distribution::DistributionStage;
 use crate::stages::profile::ProfileStage;
 use crate::stages::sample::SampleStage;
@@ -63,6 +64,7 @@ pub fn registry() -> Registry {
         .with_artifact::<Distribution>()
         .with_artifact::<SampleSet>()
         .with_artifact::<LightSet>()
+        .with_artifact::<Mesh>()
         .with_artifact::<Table>()
         .with_artifact::<Chart>()
         .with_artifact::<Film>()

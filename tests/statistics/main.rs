@@ -5,5 +5,6 @@
 
 mod bsdf;
 mod estimators;
+mod render;
 mod sampling;
 mod shared;

@@ -2,7 +2,13 @@
 //!
 //! A [`Mesh`] is finite, its indices exist and its triangles have an area, so whoever takes one need not look again.
 //! Readers take bytes and never more memory than a small multiple of them. Reading order: this file, `obj`, `ply`,
-//! `gltf`, `write`, `generated`.
+//! `gltf`, `read`, `write`; formulas are in `shape::generated`.
+
+pub mod gltf;
+pub mod obj;
+pub mod ply;
+pub mod read;
+pub mod write;
 
 use glam::Vec3;
 
@@ -88,7 +94,9 @@ const MOST_TRIANGLES: usize = 1 << 29;
 impl Mesh {
     /// Checks the arrays; leaves out triangles without an area, and says how many.
     ///
-    /// Normals come out with unit length; a zero normal is replaced by that of a triangle around its vertex.
+    /// Normals come out with unit length; a zero normal is replaced by that of a triangle around its vertex. Where the
+    /// normals of a triangle say that its corners stand in the wrong order, they are put right: files are seldom wrong
+    /// about normals and often about that.
     pub fn new(arrays: Arrays) -> Result<(Self, usize), MeshError> {
         let Arrays { positions, mut normals, uvs, mut triangles } = arrays;
         check_numbers(&positions, &normals, &uvs)?;
@@ -107,9 +115,23 @@ impl Mesh {
             return Err(MeshError::Empty { degenerate });
         }
         normals.iter_mut().for_each(|normal| *normal = normal.try_normalize().unwrap_or(Vec3::ZERO));
+        if !normals.is_empty() {
+            triangles.iter_mut().filter(|corners| is_inside_out(**corners, &positions, &normals)).for_each(|corners| corners.swap(1, 2));
+        }
         let mut mesh = Self { positions, normals, uvs, triangles };
         mesh.fill_missing_normals();
         Ok((mesh, degenerate))
+    }
+
+    /// The mesh that has exactly these arrays, if a mesh can have them.
+    pub fn restored(arrays: Arrays) -> Option<Self> {
+        let Arrays { positions, normals, uvs, triangles } = arrays;
+        check_numbers(&positions, &normals, &uvs).ok()?;
+        let exists = |corner: &u32| (*corner as usize) < positions.len();
+        let is_sound = !triangles.is_empty() && triangles.len() <= MOST_TRIANGLES && triangles.as_flattened().iter().all(exists);
+        let is_unit = |normal: &Vec3| (normal.length_squared() - 1.0).abs() < 1e-5;
+        let has_areas = || triangles.iter().all(|corners| has_area(corners.map(|corner| positions[corner as usize])));
+        (is_sound && normals.iter().all(is_unit) && has_areas()).then_some(Self { positions, normals, uvs, triangles })
     }
 
     /// Corners.
@@ -213,6 +235,11 @@ fn has_area(points: [Vec3; 3]) -> bool {
     edges[0].cross(edges[1]).length() > 1e-7 * longest
 }
 
+fn is_inside_out(corners: [u32; 3], positions: &[Vec3], normals: &[Vec3]) -> bool {
+    let of_vertices: Vec3 = corners.iter().map(|&corner| normals[corner as usize]).sum();
+    face_normal(corners.map(|corner| positions[corner as usize])).dot(of_vertices) < 0.0
+}
+
 fn check_numbers(positions: &[Vec3], normals: &[Vec3], uvs: &[[f32; 2]]) -> Result<(), MeshError> {
     let expected = positions.len();
     for (what, found) in [("normal", normals.len()), ("texture coordinate", uvs.len())] {
@@ -288,8 +315,20 @@ mod tests {
     fn a_zero_normal_becomes_that_of_its_triangle() {
         let mut arrays = tetrahedron();
         arrays.normals = vec![Vec3::ZERO, 2.0 * Vec3::X, Vec3::Y, Vec3::Z];
+        arrays.triangles.truncate(3);
         let (mesh, _) = Mesh::new(arrays).unwrap();
         assert_eq!(mesh.normals(), [-Vec3::Z, Vec3::X, Vec3::Y, Vec3::Z]);
+    }
+
+    #[test]
+    fn corners_in_the_wrong_order_are_turned_by_the_normals() {
+        let mut arrays = tetrahedron();
+        arrays.normals = arrays.positions.iter().map(|position| *position - Vec3::splat(0.25)).collect();
+        let right = Mesh::new(arrays.clone()).unwrap().0;
+        arrays.triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
+        let turned = Mesh::new(arrays.clone()).unwrap().0;
+        assert_eq!(right.triangles(), tetrahedron().triangles);
+        assert_eq!(turned.triangles(), right.triangles());
     }
 
     #[test]

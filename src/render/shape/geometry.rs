@@ -471,19 +471,17 @@ impl Place {
         let [p0, p1, p2] = corners;
         let position = p0 * b0 + p1 * b1 + p2 * b2;
         let (e1, e2) = (p1 - p0, p2 - p0);
-        let of_face = triangle_normal(e1, e2) * self.handedness as f32;
+        let normal = triangle_normal(e1, e2) * self.handedness as f32;
         let size = p0.abs().max(p1.abs()).max(p2.abs()).max_element();
         let shading = match mesh.normals() {
-            [] => of_face,
+            [] => normal,
             normals => {
                 let [n0, n1, n2] = indices.map(|index| normals[index as usize]);
                 let local = n0 * b0 + n1 * b1 + n2 * b2;
                 let world = if self.is_identity { local } else { (self.cofactor * local.as_dvec3() * self.handedness).as_vec3() };
-                world.try_normalize().unwrap_or(of_face)
+                lifted(world.normalize_or(normal), normal)
             }
         };
-        // Files are seldom wrong about normals and often about the order of corners.
-        let normal = if of_face.dot(shading) < 0.0 { -of_face } else { of_face };
         let (uv, dp_du, dp_dv) = match mesh.uvs() {
             [] => ([b1, b2], e1, e2),
             uvs => {
@@ -499,6 +497,13 @@ impl Place {
         let frame = Frame::along(shading, dp_du);
         Surface { position, normal, frame, uv, dp_du, dp_dv, shape, offset: size * TRIANGLE_ERROR + error }
     }
+}
+
+/// The shading normal, kept on the side of the surface on which it should be: coarse meshes can have it on the other.
+fn lifted(shading: Vec3, normal: Vec3) -> Vec3 {
+    const LOWEST: f32 = 0.05;
+    let cos = shading.dot(normal);
+    if cos < LOWEST { (shading + normal * (LOWEST - cos)).normalize() } else { shading }
 }
 
 /// The unit normal of a triangle by its edges; in double precision where single has no digits left.

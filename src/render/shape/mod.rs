@@ -9,6 +9,8 @@ pub mod cuboid;
 pub mod disk;
 pub mod generated;
 pub mod geometry;
+#[cfg(test)]
+mod laws;
 pub mod mesh;
 pub mod rectangle;
 pub mod sphere;

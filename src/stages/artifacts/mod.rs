@@ -7,6 +7,7 @@ pub mod figure;
 pub mod film;
 pub mod image;
 pub mod lights;
+pub mod mesh;
 pub mod picture;
 pub mod samples;
 pub mod table;
