@@ -2,5 +2,6 @@
 
 mod bad_input;
 mod language;
+mod rendering;
 mod reuse;
 mod space;
