@@ -209,6 +209,26 @@ fn fur() -> f64 {
     0.03
 }
 
+/// Names of the generated meshes.
+pub const NAMES: [&str; 5] = ["icosphere", "uv-sphere", "torus", "knot", "blob"];
+
+/// The generated mesh of that name with default parameters.
+pub fn named(name: &str) -> Option<Result<Mesh, ShapeError>> {
+    Some(match name {
+        "icosphere" => usual::<Icosphere>().mesh().map_err(ShapeError::from),
+        "uv-sphere" => usual::<UvSphere>().mesh().map_err(ShapeError::from),
+        "torus" => usual::<Torus>().mesh(),
+        "knot" => usual::<Knot>().mesh().map_err(ShapeError::from),
+        "blob" => usual::<Blob>().mesh().map_err(ShapeError::from),
+        _ => return None,
+    })
+}
+
+/// What `{}` means in a scene.
+fn usual<T: serde::de::DeserializeOwned>() -> T {
+    serde_json::from_str("{}").expect("every parameter has a default")
+}
+
 impl Icosphere {
     /// The mesh, without texture coordinates.
     pub fn mesh(&self) -> Result<Mesh, MeshError> {
