@@ -302,10 +302,16 @@ fn with_seamless_normals(mesh: Mesh, columns: u32, rows: u32) -> Result<Mesh, Me
 }
 
 impl Torus {
+    /// A ring that would pass through itself.
+    pub fn contradiction(&self) -> Option<ShapeError> {
+        let Self { tube_radius, radius, .. } = *self;
+        (tube_radius >= radius).then_some(ShapeError::FatTorus { tube_radius, radius })
+    }
+
     /// The mesh; u runs around the ring, v around the tube.
     pub fn mesh(&self) -> Result<Mesh, ShapeError> {
-        if self.tube_radius >= self.radius {
-            return Err(ShapeError::FatTorus { tube_radius: self.tube_radius, radius: self.radius });
+        if let Some(error) = self.contradiction() {
+            return Err(error);
         }
         tube(self.columns, self.rows, |u, v| {
             let (sin_phi, cos_phi) = elementary::sin_cos(TAU * u);
