@@ -6,4 +6,5 @@
 mod estimators;
 mod render;
 mod sampling;
+mod shapes;
 mod shared;
