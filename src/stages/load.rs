@@ -251,9 +251,10 @@ impl Stage for Load {
         [clamp, angles].into_iter().flatten().collect()
     }
 
-    fn memory(&self, _: &InputSizes) -> u64 {
+    fn memory(&self, inputs: &InputSizes) -> u64 {
         let pixels = self.resize.map_or(0, |resize| u64::from(resize.width) * u64::from(resize.height.unwrap_or(resize.width / 2)));
-        12 * pixels
+        // Beside the file's bytes stand its pixels, which take at least as much.
+        12 * pixels + inputs.values().sum::<u64>()
     }
 
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {

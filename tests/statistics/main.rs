@@ -7,4 +7,5 @@ mod bsdf;
 mod estimators;
 mod render;
 mod sampling;
+mod shapes;
 mod shared;

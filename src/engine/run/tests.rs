@@ -11,7 +11,7 @@ use crate::engine::run::{self, RunError};
 use crate::engine::trial::{Mood, Space, TrialJob, files_below, graph, job};
 
 /// A trunk, two leaves, a gather; all but the trunk published.
-fn tree(trunk: &str, leaf: &str) -> Vec<TrialJob> {
+pub fn tree(trunk: &str, leaf: &str) -> Vec<TrialJob> {
     vec![job("trunk", trunk), job("one", leaf).of(0).saves(), job("two", "two").of(0).saves(), job("both", "both").all([1, 2]).saves()]
 }
 
@@ -105,7 +105,7 @@ fn an_input_file_counts_by_its_content() {
     assert_eq!(space.ran(&jobs), 0, "touched");
     fs::write(&path, "two").unwrap();
     assert_eq!(space.ran(&jobs), 1);
-    assert_eq!(space.outcomes()["read"].1, "input input.txt changed");
+    assert_eq!(space.outcomes()["read"].1, "file input.txt changed");
     assert_eq!(space.published("read.txt"), "rtwo of read []\n");
     fs::remove_file(&path).unwrap();
     let error = space.try_run(graph(space.folder.path(), &jobs)).unwrap_err();

@@ -538,3 +538,143 @@ impl Bvh {
         false
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn built(boxes: &[Bounds]) -> Built {
+        build(boxes.len(), |item| boxes[item], || Ok::<(), Infallible>(())).unwrap()
+    }
+
+    fn cube(center: Vec3, half: f32) -> Bounds {
+        Bounds { min: center - half, max: center + half }
+    }
+
+    /// Depth of the tree; checks that boxes hold what is below and that every leaf is there once.
+    fn depth(built: &Built, boxes: &[Bounds]) -> usize {
+        fn below(built: &Built, boxes: &[Bounds], node: u32, seen: &mut [bool]) -> (Bounds, usize) {
+            let node = &built.bvh.nodes[node as usize];
+            let (mut whole, mut deepest) = (Bounds::EMPTY, 0);
+            for slot in (0..WIDTH).filter(|&slot| node.children[slot] != NOTHING) {
+                let at = |plane: usize| node.planes[plane].to_array()[slot];
+                let own = Bounds { min: Vec3::new(at(0), at(2), at(4)), max: Vec3::new(at(1), at(3), at(5)) };
+                let child = node.children[slot];
+                let (inside, depth) = if child & LEAF != 0 {
+                    let leaf = (child & !LEAF) as usize;
+                    assert!(!std::mem::replace(&mut seen[leaf], true), "leaf {leaf} twice");
+                    let range = built.leaves[leaf].clone();
+                    assert!((1..=WIDTH as u32).contains(&(range.end - range.start)));
+                    let items = &built.order[range.start as usize..range.end as usize];
+                    (items.iter().fold(Bounds::EMPTY, |all, &item| all.union(boxes[item as usize])), 0)
+                } else {
+                    below(built, boxes, child, seen)
+                };
+                assert_eq!(own, inside);
+                whole = whole.union(own);
+                deepest = deepest.max(depth + 1);
+            }
+            (whole, deepest)
+        }
+        let mut seen = vec![false; built.leaves.len()];
+        let (_, depth) = below(built, boxes, 0, &mut seen);
+        assert!(seen.iter().all(|&seen| seen));
+        let mut items = built.order.clone();
+        items.sort_unstable();
+        assert!(items.into_iter().eq(0..boxes.len() as u32), "every item stands in the order once");
+        depth
+    }
+
+    fn random_boxes(count: usize, seed: u64) -> Vec<Bounds> {
+        use crate::math::stream::{Purpose, Stream};
+        let stream = Stream::new(seed, Purpose::Test);
+        let of = |index: usize| {
+            let mut numbers = stream.generator(index as u64);
+            let mut next = || numbers.uniform() as f32;
+            cube(Vec3::new(next(), next(), next()) * 10.0, next() * 0.1)
+        };
+        (0..count).map(of).collect()
+    }
+
+    #[test]
+    fn every_item_is_in_one_leaf_and_boxes_hold_what_is_below() {
+        for count in [1, 2, 4, 5, 17, 1000, 40_000] {
+            let boxes = random_boxes(count, 1);
+            assert!(depth(&built(&boxes), &boxes) <= DEEPEST);
+        }
+        assert!(built(&[]).bvh.nodes.is_empty());
+    }
+
+    #[test]
+    fn fifty_thousand_boxes_at_one_place_make_a_shallow_tree() {
+        let boxes = vec![cube(Vec3::ONE, 0.5); 50_000];
+        assert!(depth(&built(&boxes), &boxes) <= 9);
+    }
+
+    #[test]
+    fn boxes_that_grow_without_end_stay_within_the_depth() {
+        // Each next one is twice as far: the heuristic would cut them off one by one.
+        let place = |k: i32| (0..k % 100).fold(1.0_f32, |place, _| place * 1.5);
+        let boxes: Vec<Bounds> = (0..20_000).map(|k| cube(Vec3::X * place(k), 1e-3)).collect();
+        assert!(depth(&built(&boxes), &boxes) <= DEEPEST);
+    }
+
+    #[test]
+    fn the_tree_does_not_depend_on_threads() {
+        let boxes = random_boxes(100_000, 2);
+        let of = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let built = pool.install(|| built(&boxes));
+            (built.order, built.leaves, built.bvh.nodes.iter().map(|node| node.children).collect::<Vec<_>>())
+        };
+        assert!(of(1) == of(3));
+    }
+
+    #[test]
+    fn a_build_stops_when_it_is_told_to() {
+        let boxes = random_boxes(1000, 3);
+        assert_eq!(build(boxes.len(), |item| boxes[item], || Err("stop")).err(), Some("stop"));
+    }
+
+    /// Entry and exit in double precision.
+    fn meets(bounds: &Bounds, origin: Vec3, direction: Vec3) -> Option<f64> {
+        let (mut near, mut far) = (0.0_f64, f64::INFINITY);
+        for axis in 0..3 {
+            let (o, d) = (f64::from(origin[axis]), f64::from(direction[axis]));
+            let (a, b) = ((f64::from(bounds.min[axis]) - o) / d, (f64::from(bounds.max[axis]) - o) / d);
+            (near, far) = (near.max(a.min(b)), far.min(a.max(b)));
+        }
+        (near <= far).then_some(near)
+    }
+
+    proptest! {
+        #[test]
+        fn a_ray_comes_to_every_box_that_it_meets(seed in 0_u64..1000, target in prop::array::uniform3(0.0_f32..10.0), axis in 0_usize..4) {
+            let boxes = random_boxes(200, seed);
+            let built = built(&boxes);
+            let origin = Vec3::new(-3.0, 5.0, 4.0);
+            let direction = [(Vec3::from(target) - origin).normalize(), Vec3::X, Vec3::new(1.0, 0.0, -0.0), -Vec3::Z][axis];
+            let mut reached = Vec::new();
+            built.bvh.nearest(origin, direction, f32::INFINITY, |leaf, reach| {
+                let range = built.leaves[leaf as usize].clone();
+                reached.extend(&built.order[range.start as usize..range.end as usize]);
+                reach
+            });
+            let mut all = 0;
+            built.bvh.any(origin, direction, f32::INFINITY, |leaf| {
+                all += built.leaves[leaf as usize].len();
+                false
+            });
+            prop_assert_eq!(all, reached.len());
+            for (item, bounds) in boxes.iter().enumerate() {
+                if direction.to_array().iter().all(|d| *d != 0.0) && meets(bounds, origin, direction).is_some() {
+                    prop_assert!(reached.contains(&(item as u32)), "box {}", item);
+                }
+            }
+        }
+    }
+}

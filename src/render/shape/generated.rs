@@ -302,10 +302,16 @@ fn with_seamless_normals(mesh: Mesh, columns: u32, rows: u32) -> Result<Mesh, Me
 }
 
 impl Torus {
+    /// A ring that would pass through itself.
+    pub fn contradiction(&self) -> Option<ShapeError> {
+        let Self { tube_radius, radius, .. } = *self;
+        (tube_radius >= radius).then_some(ShapeError::FatTorus { tube_radius, radius })
+    }
+
     /// The mesh; u runs around the ring, v around the tube.
     pub fn mesh(&self) -> Result<Mesh, ShapeError> {
-        if self.tube_radius >= self.radius {
-            return Err(ShapeError::FatTorus { tube_radius: self.tube_radius, radius: self.radius });
+        if let Some(error) = self.contradiction() {
+            return Err(error);
         }
         tube(self.columns, self.rows, |u, v| {
             let (sin_phi, cos_phi) = elementary::sin_cos(TAU * u);
@@ -484,4 +490,91 @@ fn radial(
 /// area are left out.
 fn checked(arrays: Arrays) -> Result<Mesh, MeshError> {
     Mesh::new(arrays).map(|(mesh, _)| mesh)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    fn meshes() -> Vec<(&'static str, Mesh, usize)> {
+        let relief = Some(Relief { amplitude: 0.3, frequency: 3.0, octaves: 5, seed: 2 });
+        vec![
+            ("icosphere", Icosphere { subdivisions: 4, radius: 1.0, relief: None }.mesh().unwrap(), 5120),
+            ("icosphere with a relief", Icosphere { subdivisions: 4, radius: 1.0, relief: relief.clone() }.mesh().unwrap(), 5120),
+            ("uv-sphere", UvSphere { columns: 40, rows: 20, radius: 2.0, relief: None }.mesh().unwrap(), 1520),
+            ("uv-sphere with a relief", UvSphere { columns: 40, rows: 20, radius: 2.0, relief }.mesh().unwrap(), 1520),
+            ("torus", Torus { radius: 1.0, tube_radius: 0.4, columns: 40, rows: 20 }.mesh().unwrap(), 1600),
+            ("knot", Knot { p: 2, q: 3, tube_radius: 0.14, ridges: 0.15, columns: 400, rows: 16 }.mesh().unwrap(), 12_800),
+            ("blob", Blob { subdivisions: 4, fur: 0.03, seed: 0 }.mesh().unwrap(), 5120),
+        ]
+    }
+
+    /// How often each edge is passed in each direction, by the places of its ends.
+    fn edges(mesh: &Mesh) -> BTreeMap<[[u32; 3]; 2], i32> {
+        let mut edges = BTreeMap::new();
+        for corners in mesh.triangles() {
+            for k in 0..3 {
+                // A zero has two signs and one place.
+                let place = |corner: u32| (mesh.positions()[corner as usize] + Vec3::ZERO).to_array().map(f32::to_bits);
+                let (a, b) = (place(corners[k]), place(corners[(k + 1) % 3]));
+                *edges.entry(if a < b { [a, b] } else { [b, a] }).or_insert(0) += if a < b { 1 } else { -1 };
+            }
+        }
+        edges
+    }
+
+    /// Six times the volume, positive where triangles face outwards.
+    fn volume(mesh: &Mesh) -> f64 {
+        let of = |triangle: usize| {
+            let [a, b, c] = mesh.corners(triangle).map(Vec3::as_dvec3);
+            a.dot(b.cross(c))
+        };
+        (0..mesh.triangles().len()).map(of).sum()
+    }
+
+    #[test]
+    fn generated_meshes_are_closed_and_face_outwards() {
+        for (name, mesh, count) in meshes() {
+            assert_eq!(mesh.triangles().len(), count, "{name}");
+            assert!(edges(&mesh).values().all(|&balance| balance == 0), "{name} has a hole");
+            assert!(volume(&mesh) > 0.0, "{name}");
+            for (triangle, corners) in mesh.triangles().iter().enumerate() {
+                let normal = crate::render::mesh::face_normal(mesh.corners(triangle));
+                let mean: Vec3 = corners.iter().map(|&corner| mesh.normals()[corner as usize]).sum();
+                assert!(normal.dot(mean) > 0.0, "{name} {triangle}");
+            }
+        }
+    }
+
+    #[test]
+    fn volumes_are_those_of_the_bodies() {
+        let sphere = Icosphere { subdivisions: 6, radius: 1.0, relief: None }.mesh().unwrap();
+        assert!((volume(&sphere) / 6.0 / (4.0 * PI / 3.0) - 1.0).abs() < 1e-3);
+        let torus = Torus { radius: 1.0, tube_radius: 0.4, columns: 256, rows: 128 }.mesh().unwrap();
+        assert!((volume(&torus) / 6.0 / (2.0 * PI * PI * 0.16) - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn stand_ins_are_as_complex_as_what_they_stand_for_and_fit_the_unit_sphere() {
+        let shape = |text: &str| serde_json::from_str::<crate::render::shape::Shape>(text).unwrap();
+        for (text, counts) in [(r#"{"knot":{}}"#, 90_000..110_000), (r#"{"blob":{}}"#, 60_000..90_000)] {
+            let crate::render::shape::Form::Mesh(mesh) =
+                shape(text).form(|_| -> Result<_, ShapeError> { unreachable!("no file is named") }).unwrap()
+            else {
+                panic!("{text}")
+            };
+            assert!(counts.contains(&mesh.triangles().len()), "{text}");
+            let farthest = mesh.positions().iter().map(|position| position.length()).fold(0.0, f32::max);
+            assert!(farthest > 0.8 && farthest <= 1.0, "{text}: {farthest}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_made_is_an_error() {
+        assert!(matches!(Torus { radius: 1.0, tube_radius: 1.0, columns: 9, rows: 9 }.mesh(), Err(ShapeError::FatTorus { .. })));
+        assert!(Icosphere { subdivisions: 1, radius: 1e300, relief: None }.mesh().is_err());
+        assert!(Icosphere { subdivisions: 1, radius: 1e-300, relief: None }.mesh().is_err());
+    }
 }
