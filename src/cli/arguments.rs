@@ -2,15 +2,28 @@
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::engine::request::{JOB_LIMIT, Request};
 use crate::engine::run::Places;
 
+/// What stands below the list of commands.
+const FIRST_STEPS: &str = "\
+First steps:
+  pipeline init first          write first.yaml, a small pipeline with comments
+  pipeline run first.yaml      compute it; results appear in outputs/first/
+  pipeline plan first.yaml     after a change: what would run again, and why
+  pipeline stages              the kinds of stages; `pipeline stages sample` shows one
+
+RUN, in the commands below, is a run id, a run's folder, a manifest or the name of a pipeline (its latest run).
+Exit codes: 0 done; 1 a job failed, or no origin found; 2 the pipeline file, the command line or a named input is wrong;
+3 the system failed (disk, permission); 4 verify or diff found a difference; 130 and 143 interrupted.";
+
 /// A declarative batch pipeline for image-based lighting.
 #[derive(Debug, Parser)]
-#[command(name = "pipeline", version, disable_help_subcommand = true)]
+#[command(name = "pipeline", version, disable_help_subcommand = true, after_help = FIRST_STEPS)]
 pub struct Arguments {
     /// What to do.
     #[command(subcommand)]
@@ -34,6 +47,23 @@ pub enum Command {
     Info(InfoCommand),
     /// Convert an image file to another format
     Convert(ConvertCommand),
+    /// Make a run again from nothing and compare every byte
+    Verify(VerifyCommand),
+    /// Show what differs between two runs: parameters, tables, images
+    Diff(DiffCommand),
+    /// Find the stage, the parameters and the run that made a file
+    Which(WhichCommand),
+    /// Run again whenever the pipeline file, an include or an input changes
+    Watch(WatchCommand),
+    /// Write a small pipeline with comments, to begin with
+    Init(InitCommand),
+    /// Look after the store
+    #[command(subcommand)]
+    Store(StoreCommand),
+    /// Print the completions of a shell
+    Completions(CompletionsCommand),
+    /// Print the manual page of the program or of a command
+    Man(ManCommand),
 }
 
 /// Which pipeline, and what to change in it.
@@ -66,6 +96,7 @@ impl PipelineArguments {
             only: targets.only.clone(),
             force: targets.force.clone(),
             max_jobs: self.max_jobs,
+            inputs: None,
         }
     }
 }
@@ -90,13 +121,16 @@ pub struct PlaceArguments {
     /// Folder of the store [default: .store in the folder of outputs]
     #[arg(long, value_name = "DIR", env = "PIPELINE_STORE")]
     pub store: Option<PathBuf>,
+    /// Use a store even if others may write to it: they decide what is found there
+    #[arg(long, env = "PIPELINE_ALLOW_SHARED_STORE", value_parser = clap::builder::FalseyValueParser::new())]
+    pub allow_shared_store: bool,
 }
 
 impl PlaceArguments {
     /// The folders.
     pub fn places(&self) -> Places {
         let store = self.store.clone().unwrap_or_else(|| self.outputs.join(".store"));
-        Places { outputs: self.outputs.clone(), store }
+        Places { outputs: self.outputs.clone(), store, may_share_store: self.allow_shared_store }
     }
 }
 
@@ -111,75 +145,83 @@ pub struct TalkArguments {
     pub verbose: bool,
 }
 
-/// Arguments of `run`.
-#[derive(Debug, Args)]
-pub struct RunCommand {
+/// What `run`, `plan` and `watch` ask alike: which pipeline, which stages, where, and how to tell.
+#[derive(Debug, Clone, Args)]
+pub struct WorkArguments {
     /// Which pipeline.
     #[command(flatten)]
     pub pipeline: PipelineArguments,
     /// Which stages.
     #[command(flatten)]
     pub targets: TargetArguments,
-    /// Where to write.
+    /// Where to write, and where earlier runs wrote.
     #[command(flatten)]
     pub places: PlaceArguments,
     /// How much to say.
     #[command(flatten)]
     pub talk: TalkArguments,
+}
+
+impl WorkArguments {
+    /// What is asked of the engine.
+    pub fn request(&self) -> Request {
+        self.pipeline.request(&self.targets)
+    }
+}
+
+/// How much of the machine to take.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct MachineArguments {
     /// Threads; 0 for one per processor
     #[arg(short, long, value_name = "N", default_value_t = 0)]
     pub jobs: usize,
     /// Memory that jobs may take, as 512MiB, 4GiB or 50% [default: 80%]
     #[arg(long, value_name = "SIZE", value_parser = super::machine::memory_size)]
     pub memory: Option<u64>,
-    /// Run what does not depend on a failed job
-    #[arg(short, long)]
-    pub keep_going: bool,
-    /// Show what would run and why, and run nothing
-    #[arg(short = 'n', long)]
-    pub dry_run: bool,
-    /// Write what happens to a file, one JSON object a line
-    #[arg(long, value_name = "FILE")]
-    pub events: Option<PathBuf>,
-    /// Form of the results and of errors on stdout
-    #[arg(long, value_enum, default_value_t)]
-    pub format: PlanFormat,
 }
 
-impl RunCommand {
-    /// The plan of the same run.
-    pub fn as_plan(&self) -> PlanCommand {
-        PlanCommand {
-            pipeline: self.pipeline.clone(),
-            targets: self.targets.clone(),
-            places: self.places.clone(),
-            talk: self.talk,
-            format: self.format,
-        }
-    }
-
+impl MachineArguments {
     /// Threads to use.
     pub fn threads(&self) -> NonZeroUsize {
         let all = || std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
         NonZeroUsize::new(self.jobs).unwrap_or_else(all)
     }
+
+    /// Bytes that jobs may take.
+    pub fn memory(&self) -> u64 {
+        self.memory.unwrap_or_else(super::machine::default_memory)
+    }
+}
+
+/// Arguments of `run`.
+#[derive(Debug, Args)]
+pub struct RunCommand {
+    /// What `plan` asks too.
+    #[command(flatten)]
+    pub work: WorkArguments,
+    /// How much of the machine to take.
+    #[command(flatten)]
+    pub machine: MachineArguments,
+    /// Run what does not depend on a failed job
+    #[arg(short, long)]
+    pub keep_going: bool,
+    /// Show what would run and why, and run nothing: the same as `pipeline plan`
+    #[arg(short = 'n', long)]
+    pub dry_run: bool,
+    /// Write what happens to a file, one JSON object a line
+    #[arg(long, value_name = "FILE")]
+    pub events: Option<PathBuf>,
+    /// Form of the results, and with json of errors, on stdout
+    #[arg(long, value_enum, default_value_t)]
+    pub format: PlanFormat,
 }
 
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanCommand {
-    /// Which pipeline.
+    /// What `run` asks too.
     #[command(flatten)]
-    pub pipeline: PipelineArguments,
-    /// Which stages.
-    #[command(flatten)]
-    pub targets: TargetArguments,
-    /// Where earlier runs wrote.
-    #[command(flatten)]
-    pub places: PlaceArguments,
-    /// How much to say.
-    #[command(flatten)]
-    pub talk: TalkArguments,
+    pub work: WorkArguments,
     /// Form of the plan
     #[arg(long, value_enum, default_value_t)]
     pub format: PlanFormat,
@@ -247,6 +289,164 @@ pub struct ConvertCommand {
     pub input: PathBuf,
     /// The image file to write; its extension names the format
     pub output: PathBuf,
+}
+
+/// Arguments of `verify`.
+#[derive(Debug, Args)]
+pub struct VerifyCommand {
+    /// The run: its id, its folder, its manifest, or the name of a pipeline (its latest run)
+    pub run: String,
+    /// Folder in which to look for the input files of the run, by name, then by content; may be given several times
+    /// [default: the working folder]
+    #[arg(long, value_name = "DIR")]
+    pub inputs: Vec<PathBuf>,
+    /// Where the run wrote.
+    #[command(flatten)]
+    pub places: PlaceArguments,
+    /// How much to say.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// How much of the machine to take.
+    #[command(flatten)]
+    pub machine: MachineArguments,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `diff`.
+#[derive(Debug, Args)]
+pub struct DiffCommand {
+    /// The first run: its id, its folder, its manifest, or the name of a pipeline (its latest run)
+    pub first: String,
+    /// The second run; images of the first are measured against it
+    pub second: String,
+    /// Only this stage; may be given several times
+    #[arg(long, value_name = "STAGE", allow_hyphen_values = true)]
+    pub only: Vec<String>,
+    /// Measures of images that differ: rmse, mse, relmse, smape, psnr, flip, hdr-flip
+    #[arg(long, value_name = "METRIC,…", value_delimiter = ',', default_value = "rmse,flip")]
+    pub metrics: Vec<String>,
+    /// Write an image of the differences of each pair of images below this folder, in false color
+    #[arg(long, value_name = "DIR")]
+    pub images: Option<PathBuf>,
+    /// Where the runs wrote.
+    #[command(flatten)]
+    pub places: PlaceArguments,
+    /// How much to say.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `which`.
+#[derive(Debug, Args)]
+pub struct WhichCommand {
+    /// A file that a pipeline published, or a copy of one
+    pub file: PathBuf,
+    /// Folder of published files and manifests, in which the run is looked for
+    #[arg(long, value_name = "DIR", env = "PIPELINE_OUTPUTS", default_value = "outputs")]
+    pub outputs: PathBuf,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `watch`.
+#[derive(Debug, Args)]
+pub struct WatchCommand {
+    /// What `run` asks too.
+    #[command(flatten)]
+    pub work: WorkArguments,
+    /// How much of the machine to take.
+    #[command(flatten)]
+    pub machine: MachineArguments,
+    /// Run what does not depend on a failed job
+    #[arg(short, long)]
+    pub keep_going: bool,
+}
+
+/// Arguments of `init`.
+#[derive(Debug, Args)]
+pub struct InitCommand {
+    /// Name of the pipeline; the file is NAME.yaml in the working folder
+    #[arg(default_value = "first")]
+    pub name: String,
+}
+
+/// Arguments of `completions`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+To use them:
+  bash   pipeline completions bash > ~/.local/share/bash-completion/completions/pipeline
+  zsh    pipeline completions zsh > \"${fpath[1]}/_pipeline\"
+  fish   pipeline completions fish > ~/.config/fish/completions/pipeline.fish")]
+pub struct CompletionsCommand {
+    /// The shell
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
+}
+
+/// Arguments of `man`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+To read a page:
+  pipeline man run | man -l -
+  pipeline man --dir ~/.local/share/man/man1 && man pipeline-run")]
+pub struct ManCommand {
+    /// The command whose page to print; the program's own page by default
+    #[arg(conflicts_with = "dir")]
+    pub command: Option<String>,
+    /// Write all pages into this folder instead
+    #[arg(long, value_name = "DIR")]
+    pub dir: Option<PathBuf>,
+}
+
+/// Arguments of `store`.
+#[derive(Debug, Subcommand)]
+pub enum StoreCommand {
+    /// Show what the store holds
+    Stats(StoreArguments),
+    /// Hash every object, and set aside what is damaged
+    Verify(StoreArguments),
+    /// Remove what is not worth its room; safe beside running pipelines
+    Gc(GcCommand),
+}
+
+/// Which store.
+#[derive(Debug, Args)]
+pub struct StoreArguments {
+    /// Where it is.
+    #[command(flatten)]
+    pub places: PlaceArguments,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `store gc`.
+#[derive(Debug, Args)]
+pub struct GcCommand {
+    /// Which store.
+    #[command(flatten)]
+    pub store: StoreArguments,
+    /// Remove what was not used for longest until so much is left, as 512MiB or 4GiB
+    #[arg(long, value_name = "SIZE", value_parser = super::machine::byte_size)]
+    pub max_size: Option<u64>,
+    /// Remove what was not used for so long, as 90m, 12h, 30d or 8w
+    #[arg(long, value_name = "AGE", value_parser = super::machine::duration)]
+    pub older_than: Option<Duration>,
+    /// Keep what the last N runs of each pipeline below the folder of outputs made or used; alone, remove the rest
+    #[arg(long, value_name = "N")]
+    pub keep_last: Option<usize>,
+    /// Keep what was written or used so lately, since a running pipeline may count on it
+    #[arg(long, value_name = "AGE", default_value = "1h", value_parser = super::machine::duration)]
+    pub grace: Duration,
+    /// Show what would go, and remove nothing
+    #[arg(short = 'n', long)]
+    pub dry_run: bool,
 }
 
 /// `name=value`, the value being anything.

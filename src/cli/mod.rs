@@ -2,14 +2,22 @@
 
 mod arguments;
 mod check;
+mod diff;
 mod images;
+mod init;
 mod machine;
 mod manual;
+mod outcomes;
 mod plan;
 mod progress;
 mod run;
 mod screen;
+mod shell;
 mod signals;
+mod store;
+mod verify;
+mod watch;
+mod which;
 
 use std::process::ExitCode;
 
@@ -28,6 +36,8 @@ pub enum Ending {
     Refused,
     /// The operating system failed us.
     System,
+    /// Two things that were compared are not the same.
+    Differs,
     /// A signal of that number ended it.
     Interrupted(u8),
 }
@@ -40,6 +50,7 @@ impl Ending {
             Ending::Failed => 1,
             Ending::Refused => 2,
             Ending::System => 3,
+            Ending::Differs => 4,
             Ending::Interrupted(signal) => 128 + signal,
         }
     }
@@ -57,14 +68,22 @@ pub fn main() -> ExitCode {
 
 fn execute(arguments: Arguments, screen: &Screen) -> Ending {
     match arguments.command {
-        Command::Run(command) if command.dry_run => plan::plan(&command.as_plan(), screen),
+        Command::Run(command) if command.dry_run => plan::plan(&command.work, command.format, screen),
         Command::Run(command) => run::run(&command, screen),
-        Command::Plan(command) => plan::plan(&command, screen),
+        Command::Plan(command) => plan::plan(&command.work, command.format, screen),
         Command::Check(command) => check::check(&command, screen),
         Command::Stages(command) => manual::stages(&command, screen),
         Command::Schema => manual::schema(screen),
         Command::Info(command) => images::info(&command, screen),
         Command::Convert(command) => images::convert(&command, screen),
+        Command::Verify(command) => verify::verify(&command, screen),
+        Command::Diff(command) => diff::diff(&command, screen),
+        Command::Which(command) => which::which(&command, screen),
+        Command::Watch(command) => watch::watch(&command, screen),
+        Command::Init(command) => init::init(&command, screen),
+        Command::Completions(command) => shell::completions(&command, screen),
+        Command::Man(command) => shell::man(&command, screen),
+        Command::Store(command) => store::store(&command, screen),
     }
 }
 

@@ -3,48 +3,43 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::Ending;
-use super::arguments::{PlanCommand, PlanFormat};
+use super::arguments::{PlanFormat, WorkArguments};
+use super::outcomes::{Counts, Outcomes, counted, counts_text};
 use super::run::refuse;
 use super::screen::{Screen, json_text};
 use crate::engine::diagnostic::escape;
-use crate::engine::manifest::{JobEntry, Outcome};
+use crate::engine::manifest::{JobEntry, Outcome, place_text};
 use crate::engine::run;
 use crate::engine::sweep::build;
 use crate::stages::registry;
 
 /// Shows the plan; writes nothing.
-pub fn plan(command: &PlanCommand, screen: &Screen) -> Ending {
-    let as_json = command.format == PlanFormat::Json;
-    let (graph, warnings) = match build(&registry(), &command.pipeline.request(&command.targets)) {
+pub fn plan(work: &WorkArguments, format: PlanFormat, screen: &Screen) -> Ending {
+    let as_json = format == PlanFormat::Json;
+    let (graph, warnings) = match build(&registry(), &work.request()) {
         Ok(built) => built,
         Err(errors) => {
             screen.show(&errors, as_json);
             return Ending::Refused;
         }
     };
-    if !command.talk.quiet && !as_json {
+    if !work.talk.quiet && !as_json {
         screen.show(&warnings, false);
     }
-    let (jobs, store_warnings) = match run::plan(&graph, &command.places.places()) {
+    let (jobs, store_warnings) = match run::plan(&graph, &work.places.places()) {
         Ok(planned) => planned,
         Err(error) => return refuse(&error, as_json, screen),
     };
     store_warnings.iter().for_each(|warning| screen.warning(warning));
-    let text = match command.format {
+    let text = match format {
         PlanFormat::Json => json_text(&serde_json::json!({ "pipeline": graph.pipeline, "jobs": jobs })),
-        PlanFormat::Text if command.talk.verbose => job_lines(&graph.pipeline, &jobs),
+        PlanFormat::Text if work.talk.verbose => job_lines(&graph.pipeline, &jobs),
         PlanFormat::Text => stage_lines(&graph.pipeline, &jobs),
-        PlanFormat::Dot => dot(&Drawing::of(&jobs, command.talk.verbose)),
-        PlanFormat::Mermaid => mermaid(&Drawing::of(&jobs, command.talk.verbose)),
+        PlanFormat::Dot => dot(&Drawing::of(&jobs, work.talk.verbose)),
+        PlanFormat::Mermaid => mermaid(&Drawing::of(&jobs, work.talk.verbose)),
     };
     screen.print(&text)
 }
-
-/// Outcomes that a plan has, in the order in which they are shown.
-const OUTCOMES: [Outcome; 3] = [Outcome::Hit, Outcome::Run, Outcome::Maybe];
-
-/// Jobs by outcome.
-type Counts = BTreeMap<Outcome, usize>;
 
 fn counts<'j>(jobs: impl IntoIterator<Item = &'j JobEntry>) -> Counts {
     jobs.into_iter().fold(Counts::new(), |mut counts, job| {
@@ -53,85 +48,21 @@ fn counts<'j>(jobs: impl IntoIterator<Item = &'j JobEntry>) -> Counts {
     })
 }
 
-fn counts_text(counts: &Counts) -> String {
-    let texts: Vec<String> = OUTCOMES.iter().filter_map(|outcome| Some(format!("{} {}", counts.get(outcome)?, outcome.word()))).collect();
-    texts.join(", ")
-}
-
 fn headline(pipeline: &str, jobs: &[JobEntry]) -> String {
-    format!("{pipeline}: {} jobs: {}\n", jobs.len(), counts_text(&counts(jobs)))
+    format!("{pipeline}: {}: {}\n", counted(jobs.len(), "job"), counts_text(&counts(jobs)))
 }
 
-/// The stages in order, each with its jobs.
-fn by_stage(jobs: &[JobEntry]) -> Vec<(&str, Vec<&JobEntry>)> {
-    let mut order: Vec<(&str, Vec<&JobEntry>)> = Vec::new();
-    let mut places: BTreeMap<&str, usize> = BTreeMap::new();
-    for job in jobs {
-        let place = *places.entry(&job.stage).or_insert_with(|| {
-            order.push((&job.stage, Vec::new()));
-            order.len() - 1
-        });
-        order[place].1.push(job);
-    }
-    order
-}
-
-/// Columns of a terminal that is not asked for its width.
-const WIDTH: usize = 80;
-
-/// Longest name of a stage that is not cut.
-const NAME_WIDTH: usize = 24;
-
-/// A line per stage: how many jobs hit, run and wait, and why.
+/// A line per stage and reason.
 fn stage_lines(pipeline: &str, jobs: &[JobEntry]) -> String {
-    let stages = by_stage(jobs);
-    let width = stages.iter().map(|(name, _)| name.len()).max().unwrap_or(0).clamp(5, NAME_WIDTH);
-    let mut text = headline(pipeline, jobs);
-    if jobs.is_empty() {
-        return text;
-    }
-    text += &format!("{:width$} {:>6} {:>6} {:>6}  why\n", "stage", "hit", "run", "maybe");
-    for (name, jobs) in &stages {
-        let counts = counts(jobs.iter().copied());
-        let number = |outcome| counts.get(&outcome).map(ToString::to_string).unwrap_or_default();
-        let [hit, run, maybe] = OUTCOMES.map(number);
-        let line = format!("{:width$} {hit:>6} {run:>6} {maybe:>6}  {}", cut(name, width), why(jobs));
-        text += &format!("{}\n", cut(line.trim_end(), WIDTH));
-    }
-    text
-}
-
-/// The most frequent reason among the jobs that may run, and how many others there are.
-fn why(jobs: &[&JobEntry]) -> String {
-    let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
-    for job in jobs.iter().filter(|job| job.outcome != Outcome::Hit) {
-        *reasons.entry(&job.reason).or_default() += 1;
-    }
-    let Some((first, _)) = reasons.iter().max_by(|a, b| a.1.cmp(b.1).then(b.0.cmp(a.0))) else { return String::new() };
-    let others = reasons.len() - 1;
-    let more = if others == 0 { String::new() } else { format!("; {others} more (-v)") };
-    escape(first) + &more
-}
-
-fn cut(text: &str, width: usize) -> String {
-    if text.chars().count() <= width { text.to_owned() } else { text.chars().take(width - 1).chain(['…']).collect() }
+    let mut outcomes = Outcomes::default();
+    jobs.iter().for_each(|job| outcomes.add(&job.stage, job.outcome, &job.reason));
+    headline(pipeline, jobs) + &outcomes.text()
 }
 
 fn job_lines(pipeline: &str, jobs: &[JobEntry]) -> String {
-    let lines = jobs.iter().map(|job| format!("{:5}  {}  {}\n", job.outcome.word(), escape(&name(job)), escape(&job.reason)));
+    let name = |job: &JobEntry| escape(&place_text(&job.stage, &job.coordinate));
+    let lines = jobs.iter().map(|job| format!("{:5}  {}  {}\n", job.outcome.word(), name(job), escape(&job.reason)));
     headline(pipeline, jobs) + &lines.collect::<String>()
-}
-
-/// `stage[axis=value,…]`.
-fn name(job: &JobEntry) -> String {
-    place(&job.stage, &job.coordinate)
-}
-
-fn place(stage: &str, coordinate: &serde_json::Value) -> String {
-    let axes = coordinate.as_object().into_iter().flatten();
-    let text = |value: &serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-    let axes: Vec<String> = axes.map(|(axis, value)| format!("{axis}={}", text(value))).collect();
-    if axes.is_empty() { stage.to_owned() } else { format!("{stage}[{}]", axes.join(",")) }
 }
 
 /// Boxes and arrows: a box per stage, or per job.
@@ -147,7 +78,7 @@ impl Drawing {
         let box_name = |stage: &str, coordinate: &serde_json::Value| {
             // A further result, `error.map`, comes from the same box.
             let stage = stage.split('.').next().unwrap_or(stage);
-            if per_job { place(stage, coordinate) } else { stage.to_owned() }
+            if per_job { place_text(stage, coordinate) } else { stage.to_owned() }
         };
         let mut places: BTreeMap<String, usize> = BTreeMap::new();
         let mut members: Vec<(String, Vec<&JobEntry>)> = Vec::new();

@@ -9,9 +9,10 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle};
 
 use super::arguments::TalkArguments;
+use super::outcomes::Outcomes;
 use super::screen::Screen;
 use crate::engine::diagnostic::escape;
 use crate::engine::events::Event;
@@ -28,6 +29,8 @@ pub struct Progress {
     board: Arc<Mutex<Board>>,
     is_over: Arc<AtomicBool>,
     painter: Option<JoinHandle<()>>,
+    /// What is told on a terminal when the bars are gone.
+    outcomes: Outcomes,
 }
 
 /// The numbers that the bars show.
@@ -35,6 +38,8 @@ pub struct Progress {
 struct Board {
     done: usize,
     total: usize,
+    /// Those of the done that took time.
+    ran: usize,
     running: Vec<RunningJob>,
 }
 
@@ -47,7 +52,15 @@ struct RunningJob {
 impl Progress {
     /// Shows nothing yet; on a terminal bars come with the first job that runs.
     pub fn new(screen: &Screen, talk: TalkArguments, threads: NonZeroUsize) -> Self {
-        Self { screen: *screen, talk, threads, board: Arc::default(), is_over: Arc::default(), painter: None }
+        Self {
+            screen: *screen,
+            talk,
+            threads,
+            board: Arc::default(),
+            is_over: Arc::default(),
+            painter: None,
+            outcomes: Outcomes::default(),
+        }
     }
 
     /// Takes an event in.
@@ -74,9 +87,19 @@ impl Progress {
             Event::Finished { job, outcome, reason, seconds, done, total, .. } => {
                 let mut board = self.board.lock().expect(NO_PANIC);
                 board.done = *done;
+                board.ran += usize::from(*outcome == Outcome::Ran);
                 board.running.retain(|running| running.name != *job);
                 drop(board);
+                if self.screen.is_terminal {
+                    self.outcomes.add(job.split('[').next().unwrap_or(job), *outcome, reason);
+                }
                 self.line(job, *outcome, reason, *seconds, (*done, *total));
+            }
+            Event::Elsewhere { job, owner } => {
+                self.board.lock().expect(NO_PANIC).running.retain(|running| running.name != *job);
+                if self.talk.verbose && self.painter.is_none() {
+                    self.screen.say(&format!("waits for {}, which {} computes\n", escape(job), escape(owner)));
+                }
             }
             Event::Published { .. } | Event::Warning { .. } | Event::Ended { .. } => {}
         }
@@ -90,7 +113,7 @@ impl Progress {
             return;
         }
         let time = if outcome == Outcome::Ran { format!("  {seconds:.2} s") } else { String::new() };
-        let why = if self.talk.verbose && !reason.is_empty() { format!("  ({})", escape(reason)) } else { String::new() };
+        let why = if reason.is_empty() { String::new() } else { format!("  {}", escape(reason)) };
         self.screen.say(&format!("[{done}/{total}] {:4} {}{time}{why}\n", outcome.word(), escape(job)));
     }
 
@@ -100,11 +123,12 @@ impl Progress {
         self.painter = thread.ok();
     }
 
-    /// Takes the bars away.
+    /// Takes the bars away, and tells instead what ran and why.
     pub fn end(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
         if let Some(painter) = self.painter.take() {
             let _ = painter.join();
+            self.screen.say(&self.outcomes.text());
         }
     }
 }
@@ -114,17 +138,24 @@ const NO_PANIC: &str = "no one panics while holding the board";
 /// More rows than this are no help.
 const MOST_ROWS: usize = 8;
 
+/// After so many jobs the time that is left is guessed.
+const GUESS_COUNT: usize = 5;
+
 fn paint(board: &Mutex<Board>, is_over: &AtomicBool, rows: usize) {
     let bars = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(20));
-    let overall_style = ProgressStyle::with_template("[{pos}/{len}] {wide_bar} {elapsed} (still {eta})").expect("the template is right");
+    let overall_style = ProgressStyle::with_template("[{pos}/{len}] {wide_bar} {msg}").expect("the template is right");
     let row_style = ProgressStyle::with_template("  {wide_msg}").expect("the template is right");
-    let overall = bars.add(ProgressBar::new(0).with_style(overall_style));
-    let lines: Vec<ProgressBar> = (0..rows).map(|_| bars.add(ProgressBar::new_spinner().with_style(row_style.clone()))).collect();
+    // A bar that is dropped draws itself once more unless it is told to clear.
+    let overall = bars.add(ProgressBar::new(0).with_style(overall_style).with_finish(ProgressFinish::AndClear));
+    let row = || ProgressBar::new_spinner().with_style(row_style.clone()).with_finish(ProgressFinish::AndClear);
+    let lines: Vec<ProgressBar> = (0..rows).map(|_| bars.add(row())).collect();
+    let start = Instant::now();
     while !is_over.load(Ordering::Relaxed) {
-        let (done, total, texts) = {
+        let (done, total, time, texts) = {
             let board = board.lock().expect(NO_PANIC);
-            (board.done, board.total, board.running.iter().map(row_text).collect::<Vec<_>>())
+            (board.done, board.total, time_text(&board, start.elapsed()), board.running.iter().map(row_text).collect::<Vec<_>>())
         };
+        overall.set_message(time);
         overall.set_length(total as u64);
         overall.set_position(done as u64);
         overall.tick();
@@ -137,8 +168,42 @@ fn paint(board: &Mutex<Board>, is_over: &AtomicBool, rows: usize) {
     let _ = bars.clear();
 }
 
+/// How long it has taken and, once that can be guessed, how long it will still take.
+fn time_text(board: &Board, elapsed: Duration) -> String {
+    let seconds = elapsed.as_secs_f64();
+    // Jobs differ in cost: of a few of them nothing can be said.
+    if board.ran < GUESS_COUNT || board.done >= board.total {
+        return seconds_text(seconds);
+    }
+    let left = seconds * (board.total - board.done) as f64 / board.ran as f64;
+    format!("{}, about {} left", seconds_text(seconds), seconds_text(left))
+}
+
+fn seconds_text(seconds: f64) -> String {
+    match seconds as u64 {
+        seconds @ 0..120 => format!("{seconds} s"),
+        seconds @ 120..7200 => format!("{} min", seconds / 60),
+        seconds => format!("{} h", seconds / 3600),
+    }
+}
+
 fn row_text(job: &RunningJob) -> String {
     let permille = job.permille.load(Ordering::Relaxed);
     let percent = if permille > 0 { format!("  {} %", permille / 10) } else { String::new() };
     format!("{}{percent}  {:.0} s", escape(&job.name), job.since.elapsed().as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_left_is_guessed_from_several_jobs() {
+        let board = |ran, done, total| Board { done, total, ran, running: Vec::new() };
+        let text = |board: Board| time_text(&board, Duration::from_secs(10));
+        assert_eq!(text(board(1, 1, 100)), "10 s");
+        assert_eq!(text(board(5, 55, 60)), "10 s, about 10 s left");
+        assert_eq!(text(board(10, 10, 10)), "10 s");
+        assert_eq!((seconds_text(119.9), seconds_text(600.0), seconds_text(8000.0)), ("119 s".into(), "10 min".into(), "2 h".into()));
+    }
 }

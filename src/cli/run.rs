@@ -5,36 +5,46 @@ use std::io::{self, BufWriter, Write};
 use std::num::NonZeroUsize;
 
 use super::Ending;
-use super::arguments::{PlanFormat, RunCommand};
-use super::machine::default_memory;
+use super::arguments::{MachineArguments, PlanFormat, RunCommand, TalkArguments};
 use super::progress::Progress;
 use super::screen::{Screen, json_text};
 use super::signals::Interrupt;
 use crate::engine::diagnostic::escape;
 use crate::engine::events::{Event, Failure, Listener};
+use crate::engine::graph::Graph;
 use crate::engine::manifest::Status;
-use crate::engine::run::{self, RunError, Summary};
+use crate::engine::registry::Registry;
+use crate::engine::run::{self, Places, RunError, Summary};
 use crate::engine::schedule::{Settings, panics};
 use crate::engine::sweep::build;
 use crate::stages::registry;
 
 /// Runs a pipeline.
 pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
-    let as_json = command.format == PlanFormat::Json;
     if matches!(command.format, PlanFormat::Dot | PlanFormat::Mermaid) {
         screen.error("`--format dot` and `--format mermaid` show a plan", Some("add -n, or use `pipeline plan`"));
         return Ending::Refused;
     }
     let interrupt = Interrupt::listen();
+    let manner = Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk };
+    let (request, places) = (command.work.request(), command.work.places.places());
+    // Who wants to hear of every job is told of every job.
+    if command.events.is_none() && !manner.talk.verbose {
+        match run::unchanged::run(&request, &places, manner.settings()) {
+            Ok(Some(summary)) => return conclude(manner.talk, command.format, &summary, &interrupt, screen),
+            Ok(None) => {}
+            Err(error) => return refuse(&error.into(), command.format == PlanFormat::Json, screen),
+        }
+    }
     let registry = registry();
-    let (graph, warnings) = match build(&registry, &command.pipeline.request(&command.targets)) {
+    let (graph, warnings) = match build(&registry, &request) {
         Ok(built) => built,
         Err(errors) => {
-            screen.show(&errors, as_json);
+            screen.show(&errors, command.format == PlanFormat::Json);
             return Ending::Refused;
         }
     };
-    if !command.talk.quiet {
+    if !command.work.talk.quiet {
         screen.show(&warnings, false);
     }
     let events = match command.events.as_ref().map(File::create).transpose() {
@@ -45,18 +55,46 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
             return Ending::System;
         }
     };
-
-    panics::hush();
-    let threads = command.threads();
-    let settings = Settings { threads, memory: command.memory.unwrap_or_else(default_memory), keep_going: command.keep_going, start_pool };
-    let progress = Progress::new(screen, command.talk, threads);
-    let mut listener = Listeners { interrupt: interrupt.clone(), progress, events };
-    let result = run::run(graph, &registry, &command.places.places(), settings, interrupt.flag.clone(), &mut listener);
-    listener.progress.end();
+    let result = execute(graph, &registry, &places, &manner, events, &interrupt, screen);
     match result {
-        Ok(summary) => conclude(command, &summary, &interrupt, screen),
-        Err(error) => refuse(&error, as_json, screen),
+        Ok(summary) => conclude(command.work.talk, command.format, &summary, &interrupt, screen),
+        Err(error) => refuse(&error, command.format == PlanFormat::Json, screen),
     }
+}
+
+/// How to run and how to tell of it.
+pub struct Manner {
+    /// Threads and memory.
+    pub machine: MachineArguments,
+    /// Whether jobs that do not depend on a failed one still run.
+    pub keep_going: bool,
+    /// How much to say.
+    pub talk: TalkArguments,
+}
+
+impl Manner {
+    fn settings(&self) -> Settings {
+        Settings { threads: self.machine.threads(), memory: self.machine.memory(), keep_going: self.keep_going, start_pool }
+    }
+}
+
+/// Runs a graph with progress on the screen and events in a file.
+pub fn execute(
+    graph: Graph,
+    registry: &Registry,
+    places: &Places,
+    manner: &Manner,
+    events: Option<BufWriter<File>>,
+    interrupt: &Interrupt,
+    screen: &Screen,
+) -> Result<Summary, RunError> {
+    panics::hush();
+    let settings = manner.settings();
+    let progress = Progress::new(screen, manner.talk, settings.threads);
+    let mut listener = Listeners { interrupt: interrupt.clone(), progress, events };
+    let result = run::run(graph, registry, places, settings, interrupt.flag.clone(), &mut listener);
+    listener.progress.end();
+    result
 }
 
 /// The pool in which the loops inside stages run.
@@ -81,18 +119,19 @@ pub fn refuse(error: &RunError, as_json: bool, screen: &Screen) -> Ending {
     ending
 }
 
-fn conclude(command: &RunCommand, summary: &Summary, interrupt: &Interrupt, screen: &Screen) -> Ending {
-    if !command.talk.quiet {
+/// Tells what a run came to.
+pub fn conclude(talk: TalkArguments, format: PlanFormat, summary: &Summary, interrupt: &Interrupt, screen: &Screen) -> Ending {
+    if !talk.quiet {
         summary.warnings.iter().for_each(|warning| screen.warning(&warning_text(&warning.stage, &warning.message)));
     }
     summary.failures.iter().for_each(|failure| screen.error(&failure_text(failure), failure.hint.as_deref()));
     if let Some(error) = &summary.system_error {
         screen.error(&error.to_string(), None);
     }
-    if !command.talk.quiet {
+    if !talk.quiet {
         screen.say(&format!("{}\n", summary_text(summary)));
     }
-    let text = if command.format == PlanFormat::Json {
+    let text = if format == PlanFormat::Json {
         json_text(&summary_json(summary))
     } else {
         format!("{}\n", escape(&summary.manifest.display().to_string()))
@@ -111,7 +150,8 @@ fn warning_text(stage: &str, message: &str) -> String {
     if stage.is_empty() { message.to_owned() } else { format!("stage `{stage}`: {message}") }
 }
 
-fn failure_text(failure: &Failure) -> String {
+/// A failure in one line, without the word `error`.
+pub fn failure_text(failure: &Failure) -> String {
     format!("{}: stage `{}`: {}", failure.place, failure.job, failure.message)
 }
 

@@ -70,7 +70,7 @@ fn strip_defaults(root: &Json, schema: &Json, json: &mut Json) {
     fields.retain(|name, value| {
         let schema = properties.get(name);
         let default = schema.and_then(|schema| schema.get("default"));
-        let is_default = value.is_null() || default.is_some_and(|default| sorted(default.clone()) == sorted(value.clone()));
+        let is_default = value.is_null() || default.is_some_and(|default| are_same(default, value));
         if let (Some(schema), false) = (schema, is_default) {
             strip_defaults(root, schema, value);
         }
@@ -89,6 +89,16 @@ fn is_of(alternative: &Json, json: &Json) -> bool {
             required.iter().all(|name| fields.contains_key(*name)) && fields.keys().all(|name| properties.contains_key(name))
         }
         _ => false,
+    }
+}
+
+/// Whether two values have one canonical form.
+fn are_same(a: &Json, b: &Json) -> bool {
+    match (a, b) {
+        (Json::Number(a), Json::Number(b)) => a == b || one_form(a.clone()) == one_form(b.clone()),
+        (Json::Array(a), Json::Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| are_same(a, b)),
+        (Json::Object(a), Json::Object(b)) => a.len() == b.len() && a.iter().all(|(name, a)| b.get(name).is_some_and(|b| are_same(a, b))),
+        _ => a == b,
     }
 }
 

@@ -38,8 +38,6 @@ pub struct PlannedJob {
 pub struct Plan {
     /// By index of the graph's jobs; `None` where this run does not want the job.
     pub jobs: Vec<Option<PlannedJob>>,
-    /// What the store said while it was asked.
-    pub warnings: Vec<String>,
 }
 
 /// An input file that cannot be read.
@@ -60,11 +58,11 @@ pub struct InputError {
 pub fn plan(graph: &Graph, library: &Library, index: &Index, signatures: &mut Signatures) -> Result<Plan, Vec<InputError>> {
     let files = input_digests(graph, signatures)?;
     let has_results = library.has_results();
-    let mut plan = Plan { jobs: Vec::with_capacity(graph.jobs.len()), warnings: Vec::new() };
+    let mut plan = Plan { jobs: Vec::with_capacity(graph.jobs.len()) };
     for job in &graph.jobs {
         let planned = job.is_wanted.then(|| {
             let digests = job.files.iter().map(|(_, path)| files[path]).collect();
-            planned_job(graph, job, digests, &plan.jobs, |key| lookup(library, has_results, key, &mut plan.warnings), index)
+            planned_job(graph, job, digests, &plan.jobs, |key| if has_results { library.result(key) } else { Err(Lost::Missing) }, index)
         });
         plan.jobs.push(planned);
     }
@@ -84,6 +82,11 @@ fn planned_job(
 ) -> PlannedJob {
     let planned = |input: usize| earlier[input].as_ref().expect("the inputs of a wanted job are wanted");
     let recipe = key::recipe(graph, job, &files, |input| planned(input).recipe);
+    // The index may know the results of a job while an input's record is gone.
+    if let Some(record) = index.result(&recipe).filter(|record| !job.is_forced && is_whole(graph, job, record)) {
+        let (key, record) = (Some(record.key), Some(record.clone()));
+        return PlannedJob { recipe, files, key, record, outcome: Outcome::Hit, reason: "" };
+    }
     let content = |item: &InputNode| planned(item.job).record.as_ref().map(|record| record.outputs[item.result].content.digest);
     let is_known = input_items(job).all(|(_, item)| content(item).is_some());
     let key = is_known.then(|| key::key(graph, job, &files, |item| content(item).expect("all were looked at above")));
@@ -91,28 +94,12 @@ fn planned_job(
     if job.is_forced {
         return PlannedJob { reason: "forced", ..unknown };
     }
-    // The index may know the results of a job while an input's record is gone.
-    if let Some(record) = index.result(&recipe).filter(|record| is_whole(graph, job, record)) {
-        return PlannedJob { key: Some(record.key), record: Some(record.clone()), outcome: Outcome::Hit, ..unknown };
-    }
     match key.map(|key| lookup(&key)) {
         None => PlannedJob { outcome: Outcome::Maybe, ..unknown },
         Some(Ok(record)) if is_whole(graph, job, &record) => PlannedJob { record: Some(record), outcome: Outcome::Hit, ..unknown },
         Some(Ok(_)) | Some(Err(Lost::Missing)) => unknown,
         Some(Err(lost @ Lost::Damaged(_))) => PlannedJob { reason: lost.reason(), ..unknown },
     }
-}
-
-/// Asks the store, and notes damage.
-fn lookup(library: &Library, has_results: bool, key: &Digest, warnings: &mut Vec<String>) -> Result<ResultRecord, Lost> {
-    if !has_results {
-        return Err(Lost::Missing);
-    }
-    library.result(key).inspect_err(|lost| {
-        if let Lost::Damaged(what) = lost {
-            warnings.push(format!("the store was damaged and is repaired: {what}"));
-        }
-    })
 }
 
 /// Whether a record has the results that the kind declares; another program may have written it.

@@ -23,6 +23,10 @@ pub struct Graph {
     pub sources: Vec<Source>,
     /// What the command line changed: parameters, axes, seed (for the manifest).
     pub overrides: Json,
+    /// The whole of what was asked (see [`Request::identity`](super::request::Request::identity)).
+    pub request: String,
+    /// Whether its text gave warnings, which are shown at every run.
+    pub has_warnings: bool,
     /// Whether all jobs run: false under `--only` or an axis override, when nothing may be removed.
     pub is_whole: bool,
     /// The stages in the order of the file.

@@ -47,6 +47,7 @@ pub struct Job<'a> {
     earlier: Vec<AnyArtifact>,
     seed: u64,
     interrupted: &'a AtomicBool,
+    withdrawn: Option<&'a AtomicBool>,
     progress: Arc<AtomicU32>,
     warnings: Mutex<Vec<String>>,
 }
@@ -56,7 +57,8 @@ impl<'a> Job<'a> {
     ///
     /// `seed` is the pipeline's, for stages that set none.
     pub fn new(inputs: BTreeMap<String, Vec<Input>>, files: &'a dyn FileSource, seed: u64, interrupted: &'a AtomicBool) -> Self {
-        Self { inputs, files, earlier: Vec::new(), seed, interrupted, progress: Arc::default(), warnings: Mutex::default() }
+        let earlier = Vec::new();
+        Self { inputs, files, earlier, seed, interrupted, withdrawn: None, progress: Arc::default(), warnings: Mutex::default() }
     }
 
     /// The same job, saying how far it is through a handle that a display looks at.
@@ -76,6 +78,13 @@ impl<'a> Job<'a> {
     /// A result to go on from, if the store has one of the kind's `prefixes`: the first of that type.
     pub fn earlier<T: Artifact>(&self) -> Option<Arc<T>> {
         self.earlier.iter().find_map(|artifact| artifact.clone().get())
+    }
+
+    /// The same job, to stop also when this is set: another run computes it already.
+    #[must_use]
+    pub fn with_withdrawal(mut self, withdrawn: &'a AtomicBool) -> Self {
+        self.withdrawn = Some(withdrawn);
+        self
     }
 
     /// What stands on a port.
@@ -115,9 +124,10 @@ impl<'a> Job<'a> {
         seed.0.unwrap_or(self.seed)
     }
 
-    /// Asked at least every 50 ms: an error once the run is to stop.
+    /// Asked at least every 50 ms: an error once the run, or this job, is to stop.
     pub fn check(&self) -> Result<(), StageError> {
-        if self.interrupted.load(Ordering::Relaxed) { Err(StageError::Interrupted) } else { Ok(()) }
+        let is_set = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
+        if is_set(self.interrupted) || self.withdrawn.is_some_and(is_set) { Err(StageError::Interrupted) } else { Ok(()) }
     }
 
     /// Says how far the job is, from 0 to 1.

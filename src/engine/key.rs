@@ -4,8 +4,6 @@
 //! there. A recipe names it by everything that went before, so that it is known without any result at hand.
 //! Neither holds a stage's name, a path, a machine, a thread count or a time.
 
-use std::collections::BTreeMap;
-
 use serde_json::Value as Json;
 use sha2::{Digest as _, Sha256};
 
@@ -164,17 +162,42 @@ pub fn publication_key(type_name: TypeName, artifact: &Digest, format: &str, enc
 
 /// JSON with the keys of every object sorted and no spaces.
 pub fn canonical_text(value: &Json) -> String {
-    serde_json::to_string(&sorted(value)).expect("JSON values can be written")
+    let mut text = Vec::with_capacity(128);
+    write_canonical(value, &mut text);
+    String::from_utf8(text).expect("JSON is UTF-8")
 }
 
-/// The same value with the keys of every object sorted.
-pub fn sorted(value: &Json) -> Json {
+fn write_canonical(value: &Json, text: &mut Vec<u8>) {
     match value {
         Json::Object(fields) => {
-            let ordered: BTreeMap<_, _> = fields.iter().map(|(name, value)| (name.clone(), sorted(value))).collect();
-            Json::Object(ordered.into_iter().collect())
+            let mut entries: Vec<_> = fields.iter().collect();
+            entries.sort_unstable_by_key(|(name, _)| *name);
+            text.push(b'{');
+            for (index, (name, value)) in entries.into_iter().enumerate() {
+                if index > 0 {
+                    text.push(b',');
+                }
+                write_plain(name, text);
+                text.push(b':');
+                write_canonical(value, text);
+            }
+            text.push(b'}');
         }
-        Json::Array(items) => Json::Array(items.iter().map(sorted).collect()),
-        plain => plain.clone(),
+        Json::Array(items) => {
+            text.push(b'[');
+            for (index, item) in items.iter().enumerate() {
+                if index > 0 {
+                    text.push(b',');
+                }
+                write_canonical(item, text);
+            }
+            text.push(b']');
+        }
+        plain => write_plain(plain, text),
     }
+}
+
+/// What serde writes for a value without inner order.
+fn write_plain(value: &(impl serde::Serialize + ?Sized), text: &mut Vec<u8>) {
+    serde_json::to_writer(text, value).expect("plain values can be written");
 }

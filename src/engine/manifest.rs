@@ -8,9 +8,11 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
+use super::coordinate::{Coordinate, Scalar};
 use super::digest::Digest;
 use super::graph::{Graph, InputNode, JobNode};
 use super::key::canonical_text;
+use super::schema::FieldPath;
 
 /// Name and version of this form.
 pub const SCHEMA: &str = "pipeline-manifest-1";
@@ -333,16 +335,21 @@ impl Standing {
 pub fn result_id(jobs: &[JobEntry], published: &[PublishedEntry]) -> Digest {
     let mut job_texts: Vec<String> = jobs.iter().map(job_identity).collect();
     job_texts.sort_unstable();
-    let mut file_texts: Vec<String> =
-        published.iter().map(|entry| canonical_text(&serde_json::json!([entry.path, entry.sha256]))).collect();
+    let mut file_texts: Vec<String> = published.iter().map(|entry| json_text(&(&entry.path, entry.sha256))).collect();
     file_texts.sort_unstable();
     let text = format!(r#"{{"jobs":[{}],"published":[{}]}}"#, job_texts.join(","), file_texts.join(","));
     Digest::of(text.as_bytes())
 }
 
 fn job_identity(job: &JobEntry) -> String {
+    let JobEntry { stage, kind, version, .. } = job;
     let outputs: Vec<_> = job.outputs.iter().map(|output| output.sha256).collect();
-    canonical_text(&serde_json::json!([job.stage, job.coordinate, job.kind, job.version, job.parameters, outputs]))
+    let [stage, kind, outputs] = [json_text(stage), json_text(kind), json_text(&outputs)];
+    format!("[{stage},{},{kind},{version},{},{outputs}]", canonical_text(&job.coordinate), canonical_text(&job.parameters))
+}
+
+fn json_text(value: &impl Serialize) -> String {
+    serde_json::to_string(value).expect("plain values can be written")
 }
 
 /// The entry of a job, before anything is known of its results.
@@ -359,7 +366,7 @@ pub fn job_entry(graph: &Graph, job: &JobNode, files: &[Digest]) -> JobEntry {
         outcome: Outcome::Maybe,
         reason: String::new(),
         inputs: input_items(job).map(|(port, item)| input_entry(graph, port, item)).collect(),
-        files: job.files.iter().zip(files).map(|((name, path), digest)| file_entry(graph, name, path, *digest)).collect(),
+        files: job.files.iter().zip(files).map(|((name, path), digest)| file_entry(job, name, path, *digest)).collect(),
         outputs: Vec::new(),
         warnings: Vec::new(),
         error: None,
@@ -376,15 +383,46 @@ fn input_entry(graph: &Graph, port: &str, item: &InputNode) -> InputEntry {
     InputEntry { port: port.to_owned(), stage: item.label.clone(), coordinate: coordinate_json(&graph.jobs[item.job]), sha256: None }
 }
 
-fn file_entry(graph: &Graph, name: &str, path: &std::path::Path, digest: Digest) -> FileEntry {
-    let inside = path.strip_prefix(&graph.folder).ok().map(|path| path.to_string_lossy().into_owned());
+fn file_entry(job: &JobNode, name: &str, path: &std::path::Path, digest: Digest) -> FileEntry {
+    let shown = FieldPath::parse(name).look_up(&job.shown).and_then(Json::as_str).map(str::to_owned);
     let bare = || path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    FileEntry { parameter: name.to_owned(), path: inside.unwrap_or_else(bare), sha256: digest }
+    FileEntry { parameter: name.to_owned(), path: shown.unwrap_or_else(bare), sha256: digest }
 }
 
 /// A coordinate as an object from axis to value.
 pub fn coordinate_json(job: &JobNode) -> Json {
     serde_json::to_value(&job.coordinate).expect("a coordinate is plain data")
+}
+
+/// The text of a coordinate, as [`super::coordinate::Coordinate`] writes it.
+pub fn coordinate_text(coordinate: &Json) -> String {
+    let fields = coordinate.as_object().into_iter().flatten();
+    let texts: Vec<String> = fields.map(|(axis, value)| format!("{axis}={}", plain_text(value))).collect();
+    texts.join(",")
+}
+
+/// A value as a person writes it: text without quotes.
+pub fn plain_text(value: &Json) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// `stage` or `stage[axis=value,…]`, of what stands in a manifest.
+pub fn place_text(stage: &str, coordinate: &Json) -> String {
+    let text = coordinate_text(coordinate);
+    if text.is_empty() { stage.to_owned() } else { format!("{stage}[{text}]") }
+}
+
+/// A coordinate that stands in a manifest.
+pub fn coordinate_of(coordinate: &Json) -> Coordinate {
+    let scalar = |value: &Json| match value {
+        Json::Bool(value) => Scalar::Boolean(*value),
+        Json::Number(number) => {
+            let whole = number.as_u64().map(i128::from).or_else(|| number.as_i64().map(i128::from));
+            whole.map_or_else(|| Scalar::from_number(number.as_f64().unwrap_or_default()), Scalar::Integer)
+        }
+        other => Scalar::Text(plain_text(other)),
+    };
+    Coordinate(coordinate.as_object().into_iter().flatten().map(|(axis, value)| (axis.clone(), scalar(value))).collect())
 }
 
 /// `stage` or `stage[axis=value,…]`.

@@ -1,11 +1,14 @@
 //! What the command line asks of a pipeline: other parameters, axes and seed, and which stages.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde_json::{Map, Value as Json, json};
 
+use super::coordinate::Coordinate;
 use super::diagnostic::quoted;
 use super::document::Document;
+use super::manifest::coordinate_text;
 use super::source::{Finding, Findings, Place, Sources, did_you_mean};
 use super::yaml::{Entry, Node, Value, parse, plain};
 use crate::catalogue::nearest;
@@ -30,6 +33,37 @@ pub struct Request {
     pub force: Vec<String>,
     /// Most jobs.
     pub max_jobs: u64,
+    /// Where the input files of a recorded run lie now; what the pipeline's text says of their paths does not count then.
+    pub inputs: Option<BTreeMap<InputPlace, RecordedInput>>,
+}
+
+/// A file parameter of a job.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct InputPlace {
+    stage: String,
+    coordinate: String,
+    parameter: String,
+}
+
+impl InputPlace {
+    /// The place of a recorded job.
+    pub fn of(stage: &str, coordinate: &Json, parameter: &str) -> Self {
+        Self { stage: stage.to_owned(), coordinate: coordinate_text(coordinate), parameter: parameter.to_owned() }
+    }
+
+    /// The place of a job of a graph.
+    pub fn at(stage: &str, coordinate: &Coordinate, parameter: &str) -> Self {
+        Self { stage: stage.to_owned(), coordinate: coordinate.to_string(), parameter: parameter.to_owned() }
+    }
+}
+
+/// An input file of a recorded run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordedInput {
+    /// Its path as the manifest shows it.
+    pub shown: String,
+    /// Where it lies now.
+    pub path: PathBuf,
 }
 
 impl Request {
@@ -43,7 +77,15 @@ impl Request {
             only: Vec::new(),
             force: Vec::new(),
             max_jobs: JOB_LIMIT,
+            inputs: None,
         }
+    }
+
+    /// All that was asked as one text: equal for equal requests from the same folder.
+    pub fn identity(&self) -> String {
+        let Self { file, parameters, axes, seed, only, force, max_jobs, inputs } = self;
+        let folder = std::env::current_dir().unwrap_or_default();
+        format!("{:?}", (folder, file, parameters, axes, seed, only, force, max_jobs, inputs))
     }
 
     /// What was changed, for the manifest: `{ params, axes, seed }`, without what was not.

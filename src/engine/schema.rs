@@ -4,7 +4,10 @@
 //! named in the words of the pipeline file. Also finds which fields are ports, files and seeds.
 //! Knows no kind.
 
+use std::cell::RefCell;
+use std::collections::HashMap;
 use std::fmt;
+use std::rc::Rc;
 
 use serde_json::{Map, Value as Json};
 
@@ -57,6 +60,38 @@ impl FieldPath {
             node = next;
         }
         node
+    }
+
+    /// The same tree with another value there; what does not lead anywhere changes nothing.
+    pub fn replaced(&self, root: &Node, value: &Value) -> Node {
+        Self::replaced_at(&self.0, root, value)
+    }
+
+    fn replaced_at(steps: &[Step], node: &Node, value: &Value) -> Node {
+        let Some((step, rest)) = steps.split_first() else { return Node { value: value.clone(), ..node.clone() } };
+        let value = match (step, &node.value) {
+            (Step::Field(name), Value::Map(entries)) => {
+                let inner = |entry: &Entry| match *entry.key == **name {
+                    true => Entry { node: Self::replaced_at(rest, &entry.node, value), ..entry.clone() },
+                    false => entry.clone(),
+                };
+                Value::Map(entries.iter().map(inner).collect())
+            }
+            (Step::Item(index), Value::List(items)) => {
+                let inner = |(at, item): (usize, &Node)| if at == *index { Self::replaced_at(rest, item, value) } else { item.clone() };
+                Value::List(items.iter().enumerate().map(inner).collect())
+            }
+            _ => return node.clone(),
+        };
+        Node { value, ..node.clone() }
+    }
+
+    /// The value there, if there is one.
+    pub fn look_up<'j>(&self, root: &'j Json) -> Option<&'j Json> {
+        self.0.iter().try_fold(root, |json, step| match step {
+            Step::Field(name) => json.get(name),
+            Step::Item(index) => json.get(*index),
+        })
     }
 
     /// The place in a JSON value.
@@ -133,11 +168,64 @@ pub struct Checked {
     pub roles: Vec<RoleField>,
 }
 
-/// Checks a parameter block of the kind of that name.
-pub fn check(kind: &str, schema: &Json, parameters: &Node) -> Checked {
-    let mut walker = Walker { kind, root: schema, checked: Checked::default() };
-    walker.value(schema, parameters, &FieldPath::default());
-    walker.checked
+/// The schema of a kind, with what was found out about its parts: blocks of one kind come by the thousand.
+pub struct Rules<'s> {
+    kind: &'s str,
+    root: &'s Json,
+    /// By address of the part; the schema outlives this.
+    facts: RefCell<HashMap<*const Json, Rc<Facts<'s>>>>,
+}
+
+/// What a check asks of one part of a schema.
+struct Facts<'s> {
+    /// See [`resolved`].
+    schema: &'s Json,
+    role: Option<Role>,
+    /// See [`alternatives`].
+    alternatives: Vec<&'s Json>,
+    words: Vec<&'s str>,
+    types: Vec<&'s str>,
+}
+
+impl Facts<'_> {
+    fn may_fit(&self, node: &Node) -> bool {
+        match node.text() {
+            _ if self.words.is_empty() => self.types.is_empty() || self.types.iter().any(|name| is_of_type(node, name)),
+            Some(text) => self.words.contains(&text),
+            None => false,
+        }
+    }
+}
+
+impl<'s> Rules<'s> {
+    /// The rules of the kind of that name.
+    pub fn new(kind: &'s str, schema: &'s Json) -> Self {
+        Self { kind, root: schema, facts: RefCell::default() }
+    }
+
+    /// Checks a parameter block.
+    pub fn check(&self, parameters: &Node) -> Checked {
+        let mut walker = Walker { rules: self, checked: Checked::default() };
+        walker.value(self.root, parameters, &FieldPath::default());
+        walker.checked
+    }
+
+    fn facts(&self, schema: &'s Json) -> Rc<Facts<'s>> {
+        let address: *const Json = schema;
+        if let Some(facts) = self.facts.borrow().get(&address) {
+            return facts.clone();
+        }
+        let resolved = resolved(self.root, schema);
+        let facts = Rc::new(Facts {
+            schema: resolved,
+            role: role_of(self.root, resolved),
+            alternatives: alternatives(self.root, resolved),
+            words: words(resolved),
+            types: types(resolved),
+        });
+        self.facts.borrow_mut().insert(address, facts.clone());
+        facts
+    }
 }
 
 /// The schema behind `$ref` and a lone `allOf`.
@@ -209,13 +297,12 @@ pub fn types(schema: &Json) -> Vec<&str> {
     }
 }
 
-struct Walker<'s> {
-    kind: &'s str,
-    root: &'s Json,
+struct Walker<'r, 's> {
+    rules: &'r Rules<'s>,
     checked: Checked,
 }
 
-impl<'s> Walker<'s> {
+impl<'s> Walker<'_, 's> {
     fn issue(&mut self, node: &Node, path: &FieldPath, problem: impl fmt::Display, hint: Option<String>) {
         let name = self.named(path);
         let via = node.via.as_ref().map(|via| format!(" (from {})", quoted(via))).unwrap_or_default();
@@ -223,19 +310,20 @@ impl<'s> Walker<'s> {
     }
 
     fn named(&self, path: &FieldPath) -> String {
-        if path.0.is_empty() { format!("the parameters of `{}`", self.kind) } else { quoted(&path.to_string()) }
+        if path.0.is_empty() { format!("the parameters of `{}`", self.rules.kind) } else { quoted(&path.to_string()) }
     }
 
     fn value(&mut self, schema: &'s Json, node: &Node, path: &FieldPath) {
-        let choice = resolved(self.root, schema);
+        let facts = self.rules.facts(schema);
+        let choice = facts.schema;
         if node.is_null() {
             return self.issue(node, path, format!("must be {}, found nothing (null)", self.expected(choice)), None);
         }
-        if let Some(role) = role_of(self.root, choice) {
-            self.checked.roles.push(RoleField { path: path.clone(), role, node: node.clone() });
+        if let Some(role) = &facts.role {
+            self.checked.roles.push(RoleField { path: path.clone(), role: role.clone(), node: node.clone() });
         }
-        let alternatives = alternatives(self.root, choice);
-        if alternatives.is_empty() { self.single(choice, node, path) } else { self.choice(choice, &alternatives, node, path) }
+        let alternatives = &facts.alternatives;
+        if alternatives.is_empty() { self.single(choice, node, path) } else { self.choice(choice, alternatives, node, path) }
     }
 
     /// One schema without alternatives.
@@ -243,11 +331,11 @@ impl<'s> Walker<'s> {
         for part in schema.get("allOf").and_then(Json::as_array).into_iter().flatten() {
             self.value(part, node, path);
         }
-        let words = words(schema);
-        if !words.is_empty() {
-            return self.word(&words, node, path);
+        let facts = self.rules.facts(schema);
+        if !facts.words.is_empty() {
+            return self.word(&facts.words, node, path);
         }
-        let types = types(schema);
+        let types = &facts.types;
         if !types.is_empty() && !types.iter().any(|name| is_of_type(node, name)) {
             let problem = format!("must be {}, found {}", self.expected(schema), node.described());
             return self.issue(node, path, problem, None);
@@ -280,6 +368,10 @@ impl<'s> Walker<'s> {
     fn choice(&mut self, schema: &'s Json, alternatives: &[&'s Json], node: &Node, path: &FieldPath) {
         let (issues, roles) = (self.checked.issues.len(), self.checked.roles.len());
         for alternative in alternatives {
+            // What cannot fit is not worth a message that nobody reads.
+            if !self.rules.facts(alternative).may_fit(node) {
+                continue;
+            }
             self.single(alternative, node, path);
             if self.checked.issues.len() == issues {
                 return;
@@ -395,7 +487,8 @@ impl<'s> Walker<'s> {
         let properties = properties(schema);
         for entry in entries {
             let inner = path.with(Step::Field(entry.key.to_string()));
-            match (properties.get(&*entry.key), schema.get("additionalProperties")) {
+            let additional = || schema.get("additionalProperties");
+            match (properties.get(&*entry.key), additional()) {
                 (Some(schema), _) => self.value(schema, &entry.node, &inner),
                 (None, Some(Json::Bool(false))) => self.unknown(entry, properties, path),
                 (None, Some(schema @ Json::Object(_))) => self.value(schema, &entry.node, &inner),
@@ -406,9 +499,9 @@ impl<'s> Walker<'s> {
         let required = schema.get("required").and_then(Json::as_array).into_iter().flatten().filter_map(Json::as_str);
         for name in required.filter(|name| !entries.iter().any(|entry| &*entry.key == *name)) {
             let field = path.with(Step::Field(name.to_owned()));
-            let about = properties.get(name).and_then(|schema| summary(self.root, schema));
+            let about = properties.get(name).and_then(|schema| summary(self.rules.root, schema));
             let hint = about.map(|about| format!("`{name}`: {about}"));
-            let message = format!("required parameter `{field}` of `{}` is missing", self.kind);
+            let message = format!("required parameter `{field}` of `{}` is missing", self.rules.kind);
             self.checked.issues.push(Issue { place: node.place, message, hint });
         }
     }
@@ -433,7 +526,7 @@ impl<'s> Walker<'s> {
 
     fn unknown(&mut self, entry: &Entry, properties: &Map<String, Json>, path: &FieldPath) {
         let names: Vec<&str> = properties.keys().map(String::as_str).collect();
-        let owner = if path.0.is_empty() { format!("`{}`", self.kind) } else { quoted(&path.to_string()) };
+        let owner = if path.0.is_empty() { format!("`{}`", self.rules.kind) } else { quoted(&path.to_string()) };
         let hint = did_you_mean(nearest(&entry.key, names.iter().copied())).or_else(|| {
             let known = if names.is_empty() { "no parameters".to_owned() } else { quoted_list_and(&names) };
             Some(format!("{owner} takes {known}"))
@@ -443,7 +536,7 @@ impl<'s> Walker<'s> {
     }
 
     fn expected(&self, schema: &Json) -> String {
-        expected(self.root, schema)
+        expected(self.rules.root, schema)
     }
 }
 
@@ -702,7 +795,7 @@ mod tests {
         let schema: Json = SchemaSettings::draft07().into_generator().into_root_schema_for::<Block>().into();
         let mut findings = Findings::default();
         let node = crate::engine::yaml::parse(0, text, &mut findings).unwrap();
-        let checked = check("block", &schema, &node);
+        let checked = Rules::new("block", &schema).check(&node);
         checked.issues.iter().map(|issue| format!("{}; {}", issue.message, issue.hint.clone().unwrap_or_default())).collect()
     }
 
@@ -753,7 +846,8 @@ mod tests {
         let mut findings = Findings::default();
         let node =
             crate::engine::yaml::parse(0, "{ of: a, at: b, many: c, count: 1, path: p, seed: 1, exposure: 1 }", &mut findings).unwrap();
-        let roles: Vec<String> = check("block", &schema, &node).roles.iter().map(|role| format!("{} {:?}", role.path, role.role)).collect();
+        let roles: Vec<String> =
+            Rules::new("block", &schema).check(&node).roles.iter().map(|role| format!("{} {:?}", role.path, role.role)).collect();
         assert_eq!(roles, ["of Port([\"envmap\"])", "at Port([\"envmap\"])", "many Ports([\"envmap\"])", "path File", "seed Seed"]);
     }
 }

@@ -13,26 +13,44 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use rustix::fs::OFlags;
+use rustix::fs::{FileType, OFlags, Stat};
+use serde::{Deserialize, Serialize};
 
 use super::digest::Digest;
 
 /// What the file system says of a file's identity and its last change.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(from = "SignatureFields", into = "SignatureFields")]
 pub struct Signature {
     device: u64,
     inode: u64,
     size: u64,
     /// Nanoseconds since 1970.
-    modified: i128,
+    modified: i64,
     /// Nanoseconds since 1970.
-    changed: i128,
+    changed: i64,
+}
+
+/// Device, inode, size, modified, changed.
+type SignatureFields = (u64, u64, u64, i64, i64);
+
+impl From<SignatureFields> for Signature {
+    fn from((device, inode, size, modified, changed): SignatureFields) -> Self {
+        Self { device, inode, size, modified, changed }
+    }
+}
+
+impl From<Signature> for SignatureFields {
+    fn from(signature: Signature) -> Self {
+        let Signature { device, inode, size, modified, changed } = signature;
+        (device, inode, size, modified, changed)
+    }
 }
 
 /// A write this long after the stamp gets another stamp on any file system, in nanoseconds.
-const COARSE_STEP: i128 = 2_000_000_000;
+const COARSE_STEP: i64 = 2_000_000_000;
 /// The same where stamps are finer than a millisecond.
-const FINE_STEP: i128 = 20_000_000;
+const FINE_STEP: i64 = 20_000_000;
 
 impl Signature {
     /// The signature in a file's status.
@@ -46,21 +64,38 @@ impl Signature {
         }
     }
 
+    /// Size of the file in bytes.
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+
+    /// The signature of a regular file, as `fstatat` tells it.
+    pub fn of_stat(status: &Stat) -> Option<Self> {
+        (FileType::from_raw_mode(status.st_mode) == FileType::RegularFile).then(|| Self {
+            device: status.st_dev,
+            inode: status.st_ino,
+            size: status.st_size as u64,
+            modified: nanoseconds(status.st_mtime as i64, status.st_mtime_nsec as i64),
+            changed: nanoseconds(status.st_ctime as i64, status.st_ctime_nsec as i64),
+        })
+    }
+
     /// Whether a write after the moment `now` must show in the signature.
-    fn is_settled(&self, now: i128) -> bool {
+    fn is_settled(&self, now: i64) -> bool {
         [self.modified, self.changed].into_iter().all(|stamp| {
             let step = if stamp % 1_000_000 == 0 { COARSE_STEP } else { FINE_STEP };
-            now - stamp > step
+            now.saturating_sub(stamp) > step && stamp > i64::MIN
         })
     }
 }
 
-fn nanoseconds(seconds: i64, fraction: i64) -> i128 {
-    i128::from(seconds) * 1_000_000_000 + i128::from(fraction)
+/// Reaches from 1678 to 2262; stamps beyond are taken for the nearest of these, and never count as settled.
+fn nanoseconds(seconds: i64, fraction: i64) -> i64 {
+    seconds.saturating_mul(1_000_000_000).saturating_add(fraction)
 }
 
-fn now() -> i128 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos() as i128)
+fn now() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos().try_into().unwrap_or(i64::MAX))
 }
 
 /// Digest and size of a file's content.
@@ -139,9 +174,13 @@ impl Signatures {
 
     /// Digest by a signature that is known, without a look at the content.
     pub fn known(&mut self, status: &Metadata) -> Option<Digest> {
-        let signature = Signature::of(status);
-        let digest = *self.known.get(&signature)?;
-        self.used.push(signature);
+        self.known_by(&Signature::of(status))
+    }
+
+    /// The same for a signature at hand.
+    pub fn known_by(&mut self, signature: &Signature) -> Option<Digest> {
+        let digest = *self.known.get(signature)?;
+        self.used.push(*signature);
         Some(digest)
     }
 
@@ -173,7 +212,7 @@ mod tests {
 
     use super::*;
 
-    fn signature(modified: i128, changed: i128) -> Signature {
+    fn signature(modified: i64, changed: i64) -> Signature {
         Signature { device: 1, inode: 2, size: 3, modified, changed }
     }
 

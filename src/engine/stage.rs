@@ -26,7 +26,8 @@ pub struct ResultDeclaration {
 /// Types of what each single port of a stage takes in, by port name; absent ports are absent.
 pub type InputTypes = BTreeMap<String, TypeName>;
 
-/// Bytes that the inputs of a job hold in memory, by port name, summed over a collecting port.
+/// Bytes that the inputs of a job hold in memory, by port name, summed over a collecting port; and those of its input
+/// files, by the name of their parameter.
 pub type InputSizes = BTreeMap<String, u64>;
 
 /// A mistake that only the whole parameter block shows (`gamma` together with `agx`).

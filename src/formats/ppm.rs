@@ -28,8 +28,11 @@ const LONGEST_HEADER: usize = 1 << 16;
 
 /// Reads any of the four.
 pub fn read(bytes: &[u8], limits: &Limits) -> Result<Decoded, FormatError> {
+    let Some([b'P', kind @ (b'2' | b'3' | b'5' | b'6')]) = bytes.first_chunk() else {
+        return Err(FormatError::damaged(TITLE, "it does not begin with P2, P3, P5 or P6"));
+    };
     let mut words = Words { bytes, position: 2 };
-    let (is_text, channels) = (bytes[1] < b'5', if b"36".contains(&bytes[1]) { 3 } else { 1 });
+    let (is_text, channels) = (*kind < b'5', if b"36".contains(kind) { 3 } else { 1 });
     let [width, height, largest] = [words.header_number("width")?, words.header_number("height")?, words.header_number("maximum")?];
     let (width, height) = limits.checked(TITLE, width, height)?;
     let largest = u16::try_from(largest).ok().filter(|largest| *largest > 0);

@@ -6,6 +6,7 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::render::film::sums::{Address, Block, Film, Fold, Refused, Sums, Window, channel};
@@ -19,6 +20,9 @@ const FILM_SET: u32 = 0;
 /// Set of the place on the lens.
 const LENS_SET: u32 = 1;
 const _: () = assert!(CAMERA_SETS == 2);
+
+/// Radiance beyond this is as good as infinite: the sum of the most samples that a pixel may have is still a number.
+const LARGEST: f32 = 1e30;
 
 /// Samples of a pixel between two questions whether to stop.
 const PATIENCE: u32 = 256;
@@ -117,7 +121,7 @@ impl Line<'_> {
         Ok(refused)
     }
 
-    /// One sample; `None` where it is no finite color.
+    /// One sample; `None` where it is no color that can be added up.
     #[inline]
     fn sample(&self, x: u32, numbers: &Numbers<'_>) -> Option<Sums> {
         let scene = self.scene;
@@ -131,12 +135,12 @@ impl Line<'_> {
                 (normals::color(&first), first)
             }
         };
-        let is_right = color.is_finite() && color.min_element() >= 0.0;
+        let is_right = color.min_element() >= 0.0 && color.max_element() <= LARGEST && !color.is_nan();
         is_right.then(|| {
             let mut sums = Sums::default();
             sums.set_triple(channel::COLOR, color.to_array());
             if scene.kept.squares {
-                sums.set_triple(channel::SQUARE, (color * color).to_array());
+                sums.set_triple(channel::SQUARE, (color * color).min(Vec3::splat(LARGEST)).to_array());
             }
             if first.is_hit {
                 self.keep_first(&first, &mut sums);
@@ -175,7 +179,8 @@ mod tests {
     use crate::render::scene::compiled::Surroundings;
 
     fn description(text: &str) -> SceneDescription {
-        let description: SceneDescription = serde_yaml::from_str(text).unwrap();
+        let text = serde_yaml::Deserializer::from_str(text);
+        let description: SceneDescription = serde_yaml::with::singleton_map_recursive::deserialize(text).unwrap();
         assert_eq!(description.mistakes(), []);
         description
     }

@@ -156,7 +156,7 @@ impl Compare {
 }
 
 /// What this metric compares of the inputs: linear images as they are, pictures as codes or as light.
-fn comparable<'a>(metric: Metric, of: &'a LinearOrPicture, to: &'a LinearOrPicture) -> Result<[Cow<'a, Image>; 2], StageError> {
+pub fn comparable<'a>(metric: Metric, of: &'a LinearOrPicture, to: &'a LinearOrPicture) -> Result<[Cow<'a, Image>; 2], StageError> {
     match (of, to) {
         (LinearOrPicture::Linear(of), LinearOrPicture::Linear(to)) => Ok([Cow::Borrowed(of), Cow::Borrowed(to)]),
         (LinearOrPicture::Picture(of), LinearOrPicture::Picture(to)) => match metric {

@@ -23,6 +23,7 @@ use crate::light::envmap::{Angles, EnvMap};
 use crate::light::synthesis::{self, Synthetic};
 use crate::math::elementary;
 use crate::render::mesh::{self, Mesh};
+use crate::render::shape::generated;
 
 /// Reads an environment map or an image: PFM, Radiance HDR, OpenEXR, NPY, and for images PNG and PPM; or a mesh: OBJ,
 /// PLY, glTF, GLB.
@@ -31,7 +32,8 @@ use crate::render::mesh::{self, Mesh};
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Load {
-    /// The file, relative to the pipeline file; or `synthetic:NAME` for a map of the kind `synthesize`.
+    /// The file, relative to the pipeline file; or `synthetic:NAME` for a map of the kind `synthesize` or a generated mesh
+    /// (`blob`, `knot`, `icosphere`, `uv-sphere`, `torus`) with default parameters.
     pub path: InputFile,
     /// What the file is read as; by default what the stages that use it ask for, else a map.
     #[serde(default)]
@@ -70,6 +72,10 @@ pub struct Load {
     /// Files in which a glTF file keeps its numbers, found by their names. A GLB and data URIs need none.
     #[serde(default)]
     pub buffers: Vec<InputFile>,
+    /// Scales and moves a mesh so that its longest side has this length and it stands on y = 0 about the y axis.
+    #[serde(default)]
+    #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0))]
+    pub fit: Option<f64>,
 }
 
 /// What a file can be read as.
@@ -231,11 +237,7 @@ impl Stage for Load {
             hint: Some(format!("leave it out, or set `{other}`")),
         };
         let set_for_others = self.set_for_others();
-        let unknown = self.synthetic_name().filter(|name| !synthesis::NAMES.contains(name)).map(|name| Mistake {
-            field: "path".into(),
-            message: unknown_map(name),
-            hint: Some(known_maps(name)),
-        });
+        let unknown = self.unknown_name().map(|(message, hint)| Mistake { field: "path".into(), message, hint: Some(hint) });
         [unknown, resize].into_iter().flatten().chain(set_for_others.into_iter().map(foreign)).collect()
     }
 
@@ -249,9 +251,10 @@ impl Stage for Load {
         [clamp, angles].into_iter().flatten().collect()
     }
 
-    fn memory(&self, _: &InputSizes) -> u64 {
+    fn memory(&self, inputs: &InputSizes) -> u64 {
         let pixels = self.resize.map_or(0, |resize| u64::from(resize.width) * u64::from(resize.height.unwrap_or(resize.width / 2)));
-        12 * pixels
+        // Beside the file's bytes stand its pixels, which take at least as much.
+        12 * pixels + inputs.values().sum::<u64>()
     }
 
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {
@@ -290,7 +293,7 @@ impl Load {
             ("sanitize", self.sanitize != Sanitize::Keep),
             ("apply_scale", self.apply_scale),
         ];
-        let of_meshes = [("buffers", !self.buffers.is_empty())];
+        let of_meshes = [("buffers", !self.buffers.is_empty()), ("fit", self.fit.is_some())];
         let fields = match self.r#as {
             Some(LoadAs::Mesh) => [of_maps.as_slice(), &of_pixels].concat(),
             Some(LoadAs::Image) => [of_maps.as_slice(), &of_meshes].concat(),
@@ -300,10 +303,28 @@ impl Load {
         fields.into_iter().filter(|(_, is_set)| *is_set).map(|(field, _)| field).collect()
     }
 
-    fn read_mesh(&self, job: &Job<'_>) -> Result<Mesh, StageError> {
-        if let Some(name) = self.synthetic_name() {
-            return Err(StageError::content(format!("`synthetic:{}` is a map, not a mesh", formats::escaped(name))));
+    /// What is wrong with the name of something synthetic, and what to write instead.
+    fn unknown_name(&self) -> Option<(String, String)> {
+        let name = self.synthetic_name()?;
+        if self.r#as == Some(LoadAs::Mesh) {
+            return (!generated::NAMES.contains(&name)).then(|| (unknown("mesh", name), known("meshes", name, &generated::NAMES)));
         }
+        let is_known = synthesis::NAMES.contains(&name) || self.r#as.is_none() && generated::NAMES.contains(&name);
+        (!is_known).then(|| (unknown("map", name), known("maps", name, &synthesis::NAMES)))
+    }
+
+    fn read_mesh(&self, job: &Job<'_>) -> Result<Mesh, StageError> {
+        let mesh = match self.synthetic_name() {
+            Some(name) => generated::named(name).ok_or_else(|| StageError::content(unknown("mesh", name)))?.map_err(StageError::content)?,
+            None => self.read_mesh_file(job)?,
+        };
+        match self.fit {
+            Some(length) => mesh.standing(length).map_err(StageError::content),
+            None => Ok(mesh),
+        }
+    }
+
+    fn read_mesh_file(&self, job: &Job<'_>) -> Result<Mesh, StageError> {
         let buffers = self.buffers.iter().map(|file| Ok((file, job.read(file)?))).collect::<Result<Vec<_>, StageError>>()?;
         let named = |path: &str| buffers.iter().find(|(file, _)| file.0.ends_with(path)).map(|(_, bytes)| bytes.clone());
         let (mesh, warnings) = mesh::read::read(&job.read(&self.path)?, &named).map_err(StageError::content)?;
@@ -427,19 +448,19 @@ impl Load {
 fn synthesized(name: &str, job: &Job<'_>) -> Result<EnvMap, StageError> {
     match Synthetic::named(name) {
         Some(map) => synthesis::synthesize(&map, 1024, || job.check()),
-        None => Err(StageError::content_with_hint(unknown_map(name), known_maps(name))),
+        None => Err(StageError::content_with_hint(unknown("map", name), known("maps", name, &synthesis::NAMES))),
     }
 }
 
-fn unknown_map(name: &str) -> String {
-    format!("there is no synthetic map `{}`", formats::escaped(name))
+fn unknown(what: &str, name: &str) -> String {
+    format!("there is no synthetic {what} `{}`", formats::escaped(name))
 }
 
-/// What to write instead of a name that no map has.
-fn known_maps(name: &str) -> String {
-    match catalogue::nearest(name, synthesis::NAMES) {
+/// What to write instead of a name that none of them has.
+fn known(what: &str, name: &str, names: &[&str]) -> String {
+    match catalogue::nearest(name, names.iter().copied()) {
         Some(near) => format!("did you mean `synthetic:{near}`?"),
-        None => format!("the maps are `{}`", synthesis::NAMES.join("`, `")),
+        None => format!("the {what} are `{}`", names.join("`, `")),
     }
 }
 
@@ -610,6 +631,23 @@ mod tests {
         assert_eq!(fields("as: mesh, clamp: 1, angles: edge"), ["angles", "clamp"]);
         assert_eq!(fields("as: image, buffers: [a]"), ["buffers"]);
         assert!(run(&load("as: mesh"), b"v 1 2".to_vec()).unwrap_err().to_string().contains("line 1"));
+    }
+
+    #[test]
+    fn a_generated_mesh_stands_where_it_is_asked_to() {
+        let mut stage = load("as: mesh, fit: 3");
+        stage.path.0 = "synthetic:knot".into();
+        assert!(stage.mistakes().is_empty());
+        let mesh: Arc<Mesh> = run(&stage, Vec::new()).unwrap().0.get().unwrap();
+        let extent = |axis: usize| {
+            let values = mesh.positions().iter().map(|position| position[axis]);
+            values.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+        };
+        let [x, y, z] = [extent(0), extent(1), extent(2)];
+        let longest = [x, y, z].map(|[low, high]| high - low).into_iter().fold(0.0, f32::max);
+        assert!((longest - 3.0).abs() < 1e-5 && y[0].abs() < 1e-6 && (x[0] + x[1]).abs() < 1e-5 && (z[0] + z[1]).abs() < 1e-5);
+        stage.path.0 = "synthetic:cathedral".into();
+        assert_eq!(stage.mistakes()[0].message, "there is no synthetic mesh `cathedral`");
     }
 
     #[test]

@@ -1,22 +1,27 @@
 //! The kind `render`.
 
+use std::collections::BTreeMap;
 use std::num::NonZeroU32;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::catalogue::nearest;
 use crate::engine::job::Job;
-use crate::engine::parameter::{Port, Section, Seed};
+use crate::engine::parameter::{InputFile, Port, Section, Seed};
 use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
 use crate::image::raster::Image;
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
 use crate::render::film::sums::{Block, Film, Window};
-use crate::render::mesh::Mesh;
+use crate::render::mesh::{Mesh, read};
 use crate::render::picture::{self, Request};
 use crate::render::scene::compiled::{Scene, SceneError, Surroundings};
 use crate::render::scene::{SceneDescription, SceneMistake};
+use crate::render::scene_file::SceneFile;
+use crate::render::shape::Shape;
 use crate::render::shape::mesh::MeshShape;
 
 /// Renders a scene by path tracing.
@@ -33,6 +38,9 @@ pub struct Render {
     /// Lights that shine on the scene, each from one direction.
     #[serde(default)]
     pub lights: Option<Port<LightSet>>,
+    /// Meshes that shapes name by `mesh: { of: NAME }`, so that they can come from other stages.
+    #[serde(default)]
+    pub meshes: BTreeMap<String, Port<Mesh>>,
     /// The scene: its parameters, or the path of a YAML file that holds them.
     pub scene: Section<SceneDescription>,
     /// Another seed gives another, equally good picture; by default the pipeline's.
@@ -55,6 +63,7 @@ impl Stage for Render {
         let of_scene = |SceneMistake { field, message, hint }| Mistake { field: format!("scene.{field}"), message, hint };
         let mut mistakes: Vec<Mistake> = self.scene.0.mistakes().into_iter().map(of_scene).collect();
         mistakes.extend(self.missing_ports());
+        mistakes.extend(self.mesh_mistakes());
         mistakes
     }
 
@@ -107,8 +116,54 @@ impl Render {
         })
     }
 
-    fn mesh(&self, _mesh: &MeshShape, _job: &Job<'_>) -> Result<Arc<Mesh>, StageError> {
-        Err(StageError::content("mesh files cannot be read yet"))
+    /// The mesh of a file or of another stage, with the normals that the shape asks for.
+    fn mesh(&self, shape: &MeshShape, job: &Job<'_>) -> Result<Arc<Mesh>, StageError> {
+        if let Some(port) = shape.of.as_ref().and_then(|name| self.meshes.get(name)) {
+            let mesh = job.input(port)?;
+            return Ok(Arc::new(shape.normals.of((*mesh).clone())));
+        }
+        let SceneFile(path) = shape.path.as_ref().ok_or_else(|| StageError::content("a mesh has neither a file nor a stage"))?;
+        let buffers = shape.buffers.iter().map(|SceneFile(path)| Ok((path, job.read(&InputFile(path.clone()))?)));
+        let buffers: Vec<(&PathBuf, Vec<u8>)> = buffers.collect::<Result<_, StageError>>()?;
+        let named = |name: &str| buffers.iter().find(|(path, _)| path.ends_with(name)).map(|(_, bytes)| bytes.clone());
+        let in_file = |message: String| StageError::content(format!("`{}`: {message}", path.display()));
+        let (mesh, warnings) = read::read(&job.read(&InputFile(path.clone()))?, &named).map_err(|error| in_file(error.to_string()))?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        warnings.into_iter().for_each(|warning| job.warn(format!("`{name}`: {warning}")));
+        Ok(Arc::new(shape.normals.of(mesh)))
+    }
+
+    /// Meshes that are named in two ways, in none, or by a name that means nothing.
+    fn mesh_mistakes(&self) -> Vec<Mistake> {
+        let shapes = self.scene.0.shapes.iter().enumerate();
+        let meshes = shapes.filter_map(|(index, placed)| match &placed.shape {
+            Shape::Mesh(mesh) => Some((index, mesh)),
+            _ => None,
+        });
+        meshes.filter_map(|(index, mesh)| self.mesh_mistake(index, mesh)).collect()
+    }
+
+    fn mesh_mistake(&self, index: usize, mesh: &MeshShape) -> Option<Mistake> {
+        let mistake = |part: &str, message: String, hint: String| {
+            Some(Mistake { field: format!("scene.shapes[{index}].mesh{part}"), message, hint: Some(hint) })
+        };
+        let files = mesh.path.iter().chain(&mesh.buffers);
+        if let Some(file) = files.into_iter().find(|SceneFile(path)| path.to_string_lossy().starts_with("synthetic:")) {
+            let message = format!("`{}` is a map and not a mesh", file.0.display());
+            return mistake("", message, "meshes without a file are `icosphere`, `uv-sphere`, `torus`, `knot` and `blob`".into());
+        }
+        match (&mesh.path, &mesh.of) {
+            (Some(_), Some(_)) => mistake(".of", "`path` and `of` both name the mesh".into(), "remove one of them".into()),
+            (None, None) => {
+                mistake("", "the mesh needs a `path`, or `of` with a name of the stage's `meshes`".into(), "add `path: FILE`".into())
+            }
+            (None, Some(name)) if !self.meshes.contains_key(name) => {
+                let near = nearest(name, self.meshes.keys().map(String::as_str)).map(|near| format!("did you mean `{near}`?"));
+                let hint = near.unwrap_or_else(|| format!("set `meshes: {{ {name}: STAGE }}`"));
+                mistake(".of", format!("there is no mesh `{name}` among the stage's `meshes`"), hint)
+            }
+            _ => None,
+        }
     }
 
     /// Entries of emitters that stand for what the stage was not given.

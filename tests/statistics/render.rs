@@ -31,9 +31,13 @@ fn windows(width: usize, height: usize) -> EnvMap {
     EnvMap::new(Raster::new(width, height, (0..width * height).map(pixel).collect()))
 }
 
+fn description(text: &str) -> SceneDescription {
+    serde_yaml::with::singleton_map_recursive::deserialize(serde_yaml::Deserializer::from_str(text)).unwrap()
+}
+
 /// Pixels of a render; no sample may have been refused.
 fn pixels(text: &str, env: Option<&EnvMap>, seed: u64) -> Vec<[f64; 3]> {
-    let description: SceneDescription = serde_yaml::from_str(text).unwrap();
+    let description = description(text);
     assert_eq!(description.mistakes(), [], "{text}");
     let surroundings = Surroundings { env, lights: None, seed };
     let scene = Scene::new(&description, &surroundings, |_| unreachable!("no mesh files"), || Ok::<(), Infallible>(())).unwrap();
@@ -218,7 +222,7 @@ fn variance_layers_are_honest() {
     let map = windows(64, 32);
     for sampler in ["{ independent: { samples_per_pixel: 64 } }", "{ sobol: { samples_per_pixel: 64, replicates: 8 } }"] {
         let text = SPHERE.replace("SAMPLER", sampler).replace("background: transparent", "background: transparent, layers: [variance]");
-        let description: SceneDescription = serde_yaml::from_str(&text).unwrap();
+        let description = description(&text);
         let (mut values, mut claimed) = (Vec::new(), Vec::new());
         for seed in 0..64 {
             let surroundings = Surroundings { env: Some(&map), lights: None, seed };

@@ -1,6 +1,11 @@
 //! Behavior of the whole program, through its binary: what a user types, sees and finds on disk.
 
 mod bad_input;
+mod commands;
 mod language;
+mod provenance;
+mod reasons;
+mod rendering;
 mod reuse;
 mod space;
+mod store;

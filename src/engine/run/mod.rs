@@ -1,5 +1,7 @@
 //! One run from a checked graph to its manifest: plan, schedule, publish, record.
 
+pub mod unchanged;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::hash::{BuildHasher, Hasher};
@@ -18,6 +20,7 @@ use super::manifest::{
     JobEntry, Machine, Manifest, Measured, Outcome, Program, PublishedEntry, SCHEMA, ShortManifest, SpecEntry, Standing, Status,
     WarningEntry, result_id,
 };
+use super::provenance::ro_crate;
 use super::publish::OutputFolder;
 use super::registry::Registry;
 use super::schedule::values::Shared;
@@ -28,6 +31,7 @@ use super::store::folder::FolderStore;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::system::SystemError;
+use unchanged::Standstill;
 
 /// Where a run reads and writes.
 #[derive(Debug, Clone)]
@@ -36,9 +40,21 @@ pub struct Places {
     pub outputs: PathBuf,
     /// The folder of the store.
     pub store: PathBuf,
+    /// Whether others may write to the store too.
+    pub may_share_store: bool,
 }
 
 impl Places {
+    /// The store; an error if it is open to others and may not be.
+    pub fn folder_store(&self) -> Result<FolderStore, SystemError> {
+        FolderStore::open(&self.store, self.may_share_store)
+    }
+
+    /// What stands in the store; the same error.
+    pub fn library(&self) -> Result<Library, SystemError> {
+        Ok(Library::new(Arc::new(self.folder_store()?)))
+    }
+
     fn pipeline_folder(&self, graph: &Graph) -> PathBuf {
         self.outputs.join(&graph.pipeline)
     }
@@ -88,20 +104,20 @@ struct Known {
 const SIGNATURES: &str = "signatures";
 
 impl Known {
-    fn load(places: &Places, graph: &Graph) -> Self {
-        let library = Arc::new(Library::new(Arc::new(FolderStore::at(&places.store))));
+    fn load(places: &Places, graph: &Graph) -> Result<Self, SystemError> {
+        let library = Arc::new(places.library()?);
         let index = Index::load(&library, &graph.pipeline);
         let signatures = library.note(SIGNATURES).map(|text| Signatures::from_text(&text)).unwrap_or_default();
-        Self { library, index, signatures }
+        Ok(Self { library, index, signatures })
     }
 }
 
 /// What would run and why, as entries of a manifest; writes nothing.
 pub fn plan(graph: &Graph, places: &Places) -> Result<(Vec<JobEntry>, Vec<String>), RunError> {
-    let mut known = Known::load(places, graph);
+    let mut known = Known::load(places, graph)?;
     let plan = freshness::plan(graph, &known.library, &known.index, &mut known.signatures).map_err(RunError::Inputs)?;
     let mut history = History::new(places.pipeline_folder(graph), graph);
-    Ok((freshness::entries(graph, &plan, &mut history), plan.warnings))
+    Ok((freshness::entries(graph, &plan, &mut history), known.library.take_notices()))
 }
 
 /// Runs a pipeline: computes what the store lacks, publishes, and writes the manifest.
@@ -114,15 +130,16 @@ pub fn run(
     listener: &mut dyn Listener,
 ) -> Result<Summary, RunError> {
     let clock = Clock::start();
-    let mut known = Known::load(places, &graph);
+    let mut known = Known::load(places, &graph)?;
     let plan = freshness::plan(&graph, &known.library, &known.index, &mut known.signatures).map_err(RunError::Inputs)?;
 
     let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
     outputs.prepare()?;
+    known.library.tidy();
     let standing = read_standing(&outputs.path());
     let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), settings, interrupted, listener);
     let (shared, finished) = finished;
-    conclude(&shared, finished, known, standing, settings, &clock, listener)
+    conclude(&shared, finished, known, standing, places, settings, &clock, listener)
 }
 
 #[expect(clippy::too_many_arguments, reason = "joins what the run is made of, once")]
@@ -153,11 +170,13 @@ fn read_standing(folder: &Path) -> Option<Standing> {
 }
 
 /// After the jobs: removes what is no longer published, updates the caches, writes the manifest.
+#[expect(clippy::too_many_arguments, reason = "takes apart what the run was made of, once")]
 fn conclude(
     shared: &Shared,
     finished: Finished,
     mut known: Known,
     standing: Option<Standing>,
+    places: &Places,
     settings: Settings,
     clock: &Clock,
     listener: &mut dyn Listener,
@@ -189,13 +208,19 @@ fn conclude(
         *measured.jobs.entry(entry.outcome.word().to_owned()).or_default() += 1;
     }
 
+    ledger.warnings.extend(known.library.take_notices().into_iter().map(|text| (String::new(), text)));
     let warnings = warning_entries(graph, &entries, std::mem::take(&mut ledger.warnings));
     let result_id = result_id(&entries, &ledger.published);
     let run_id = new_run_folder(outputs, clock)?;
     let changed_nothing = measured.files_written + removed == 0 && entries.iter().all(|entry| entry.outcome == Outcome::Hit);
     let results_of = standing.filter(|standing| changed_nothing && standing.stands_for(status, &result_id)).map(|standing| standing.run_id);
     match &results_of {
-        Some(earlier) => write_short(outputs, graph, &run_id, result_id, earlier, &measured)?,
+        Some(earlier) => {
+            write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?;
+            let (jobs, published) = (entries.len() as u64, &ledger.published);
+            let found = Standstill { graph, outputs, published, run_id: earlier, result_id, jobs, warnings: &warnings };
+            unchanged::note(&found, places, &known.library, &mut known.signatures)?;
+        }
         None => {
             let manifest = Manifest {
                 schema: SCHEMA.into(),
@@ -301,12 +326,16 @@ fn spec_entries(graph: &Graph) -> Vec<SpecEntry> {
 fn write_whole(outputs: &OutputFolder, manifest: &Manifest) -> Result<(), SystemError> {
     let text = format!("{}\n", serde_json::to_string_pretty(manifest).expect("a manifest is plain data"));
     outputs.write(&run_path(&manifest.run_id), text.as_bytes())?;
+    for (path, text) in ro_crate::workflow_files(manifest) {
+        outputs.write(&path, text.as_bytes())?;
+    }
+    outputs.write(ro_crate::FILE_NAME, ro_crate::text(manifest).as_bytes())?;
     outputs.write("manifest.json", text.as_bytes())
 }
 
 fn write_short(
     outputs: &OutputFolder,
-    graph: &Graph,
+    pipeline: &str,
     run_id: &str,
     result_id: Digest,
     results_of: &str,
@@ -314,7 +343,7 @@ fn write_short(
 ) -> Result<(), SystemError> {
     let manifest = ShortManifest {
         schema: SCHEMA.into(),
-        pipeline: graph.pipeline.clone(),
+        pipeline: pipeline.to_owned(),
         run_id: run_id.to_owned(),
         result_id,
         status: Status::Done,
@@ -372,3 +401,12 @@ impl Clock {
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod fault_tests;
+
+#[cfg(test)]
+mod sharing_tests;
+
+#[cfg(test)]
+mod damage_tests;

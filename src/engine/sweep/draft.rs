@@ -9,7 +9,7 @@ use crate::catalogue::nearest;
 use crate::engine::axes::scalar_of;
 use crate::engine::diagnostic::{escape, quoted};
 use crate::engine::registry::Kind;
-use crate::engine::schema::{FieldPath, Role, RoleField, check, to_yaml};
+use crate::engine::schema::{FieldPath, Role, RoleField, to_yaml};
 use crate::engine::source::{Finding, Findings, Place, Sources, did_you_mean, unreadable};
 use crate::engine::stage::AnyStage;
 use crate::engine::substitution::{Scope, Template, substitute};
@@ -147,12 +147,13 @@ pub struct Checker<'a, 'r, 's> {
 impl Checker<'_, '_, '_> {
     /// The roles of its fields, and the block as its kind reads it if nothing is wrong.
     pub fn checked(&self, node: &Node, files: &mut FileCheck, findings: &mut Findings) -> (Vec<RoleField>, Option<Box<dyn AnyStage>>) {
-        let checked = check(self.kind.name, &self.kind.schema, node);
+        let checked = self.world.rules(self.kind).check(node);
         let is_right = checked.issues.is_empty();
         for issue in checked.issues {
             findings.add(Finding::error(issue.place, issue.message).in_stage(self.stage).with_hint(issue.hint));
         }
-        for field in checked.roles.iter().filter(|field| field.role == Role::File) {
+        // The files of a recorded run were found by their digests before.
+        for field in checked.roles.iter().filter(|field| field.role == Role::File && self.world.inputs.is_none()) {
             files.check(&field.node, self.world.sources, self.stage, findings);
         }
         let instance = if is_right { self.parsed(node, &checked.roles, findings) } else { None };

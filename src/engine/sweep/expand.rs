@@ -1,6 +1,6 @@
 //! Jobs: every stage at every coordinate, with its parameters, inputs and published files.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value as Json, json};
@@ -16,9 +16,9 @@ use crate::engine::diagnostic::{escape, quoted};
 use crate::engine::graph::{Graph, InputNode, JobNode, PortInputs, Publication, Source, StageNode};
 use crate::engine::reference::Reference;
 use crate::engine::relation::{Relation, Row};
-use crate::engine::request::Request;
+use crate::engine::request::{InputPlace, RecordedInput, Request};
 use crate::engine::save::{Names, published_path};
-use crate::engine::schema::{Role, RoleField};
+use crate::engine::schema::{FieldPath, Role, RoleField};
 use crate::engine::source::{Finding, Findings, Place, Sources, did_you_mean, without_dots};
 use crate::engine::stage::AnyStage;
 use crate::engine::yaml::{Node, Value};
@@ -104,9 +104,9 @@ fn selection(world: &World<'_, '_>, resolved: &Resolved, reference: &Reference) 
 }
 
 /// Lays out all jobs; `None` if a combination of axis values is wrong.
-pub fn expand(
-    world: &World<'_, '_>,
-    drafts: Vec<Option<Draft<'_>>>,
+pub fn expand<'r>(
+    world: &World<'r, '_>,
+    mut drafts: Vec<Option<Draft<'r>>>,
     resolved: Resolved,
     typed: Vec<Option<Typed>>,
     targets: Selected,
@@ -128,7 +128,7 @@ pub fn expand(
         files: FileCheck::default(),
     };
     for stage in resolved.order.iter().copied() {
-        layout.stage(stage, drafts[stage].as_ref()?, findings)?;
+        layout.stage(stage, drafts[stage].as_mut()?, findings)?;
         if findings.is_full() {
             break;
         }
@@ -140,7 +140,9 @@ pub fn expand(
         seed: world.document.seed,
         sources: sources(world.sources, &folder),
         folder,
-        overrides: request.overrides(),
+        overrides: portable(request.overrides(), &jobs),
+        request: request.identity(),
+        has_warnings: false,
         is_whole: !targets.is_partial && request.axes.is_empty(),
         stages,
         jobs,
@@ -184,6 +186,27 @@ fn stage_nodes(world: &World<'_, '_>, resolved: &Resolved, typed: &[Option<Typed
         .collect()
 }
 
+/// The changes of the command line without the folders of input files, which are no one else's business.
+fn portable(mut overrides: Json, jobs: &[JobNode]) -> Json {
+    let groups = overrides.as_object_mut().into_iter().flat_map(|groups| groups.values_mut());
+    let texts: Vec<&mut Json> = groups.filter_map(Json::as_object_mut).flat_map(|texts| texts.values_mut()).collect();
+    if texts.is_empty() {
+        return overrides;
+    }
+    let files = jobs.iter().flat_map(|job| job.files.iter().map(move |(name, path)| (job, name, path)));
+    let shown = files.filter_map(|(job, name, path)| Some((path.to_str()?, FieldPath::parse(name).look_up(&job.shown)?.as_str()?)));
+    let names: BTreeMap<&str, &str> = shown.filter(|(path, shown)| path != shown).collect();
+    for text in texts {
+        let Json::String(text) = text else { continue };
+        for (path, shown) in names.iter().rev() {
+            if text == path || (path.starts_with('/') && text.contains(path)) {
+                *text = text.replace(path, shown);
+            }
+        }
+    }
+    overrides
+}
+
 /// A job is wanted if one that needs it is; users stand behind their inputs.
 fn want_inputs(jobs: &mut [JobNode]) {
     for index in (0..jobs.len()).rev() {
@@ -217,8 +240,8 @@ struct Grouped<'l> {
     label: String,
 }
 
-impl Layout<'_, '_, '_> {
-    fn stage(&mut self, stage: usize, draft: &Draft<'_>, findings: &mut Findings) -> Option<()> {
+impl<'r> Layout<'_, 'r, '_> {
+    fn stage(&mut self, stage: usize, draft: &mut Draft<'r>, findings: &mut Findings) -> Option<()> {
         let placed = self.resolved.stages[stage].as_ref()?;
         let typed = self.typed[stage].as_ref()?;
         let inputs = placed.ports.iter().enumerate().flat_map(|(port, declared)| declared.links.iter().map(move |link| (port, link)));
@@ -259,7 +282,7 @@ impl Layout<'_, '_, '_> {
     fn job(
         &mut self,
         stage: usize,
-        draft: &Draft<'_>,
+        draft: &mut Draft<'r>,
         placed: &Placed,
         typed: &Typed,
         grouped: &[Grouped<'_>],
@@ -272,25 +295,38 @@ impl Layout<'_, '_, '_> {
         let checker = Checker { world, kind: draft.kind, stage: world.name(stage) };
         // Each value of a single axis was checked with its stage; only combinations are new.
         let (roles, instance) = match draft.own_axes.len() {
-            0 => (draft.roles.clone(), checker.parsed(&node, &draft.roles, findings)),
+            // The block was read with its stage, and serves the first job.
+            0 => (draft.roles.clone(), draft.instance.take().or_else(|| checker.parsed(&node, &draft.roles, findings))),
             _ => checker.checked(&node, &mut self.files, findings),
+        };
+        let coordinate = self.coordinate(&placed.relation, row);
+        let recorded = |field: &RoleField| world.inputs?.get(&InputPlace::at(checker.stage, &coordinate, &field.path.to_string()));
+        let (roles, instance) = match roles.iter().any(|field| recorded(field).is_some()) {
+            true => checker.checked(&with_files(&node, &roles, recorded), &mut self.files, findings),
+            false => (roles, instance),
         };
         let mut instance = instance?;
         self.type_of_job(stage, instance.as_mut(), placed, typed, findings)?;
-        let coordinate = self.coordinate(&placed.relation, row);
         let inputs = self.inputs(placed, grouped, row);
         let seed = instance.draws().then(|| own_seed(&roles).unwrap_or(world.document.seed));
         let publications = self.publications(stage, typed, &coordinate, findings);
         let parameters = instance.parameters();
         let in_key = |field: &RoleField| json!({ "file": field.path.to_string() });
+        // They differ in how files are named alone.
+        let reads_files = roles.iter().any(|field| field.role == Role::File);
+        let shown_file = |field: &RoleField| recorded(field).map_or_else(|| self.shown_file(&field.node), |input| json!(input.shown));
+        let shown = reads_files.then(|| self.described(draft, parameters.clone(), &roles, seed, shown_file));
+        let canonical = self.described(draft, parameters, &roles, seed, in_key);
+        let prefixes = instance.prefixes().into_iter().map(|prefix| self.described(draft, prefix, &roles, seed, in_key)).collect();
+        let shown = shown.unwrap_or_else(|| canonical.clone());
         let is_selected = |selections: &[Selection]| selections.iter().any(|one| one.stage == stage && one.takes(&placed.relation, row));
         Some(JobNode {
             stage,
             coordinate,
-            canonical: self.described(draft, parameters.clone(), &roles, seed, in_key),
-            prefixes: instance.prefixes().into_iter().map(|prefix| self.described(draft, prefix, &roles, seed, in_key)).collect(),
-            shown: self.described(draft, parameters, &roles, seed, |field| self.shown_file(&field.node)),
+            prefixes,
             parameters: instance,
+            canonical,
+            shown,
             inputs,
             files: self.files_of(&roles),
             seed,
@@ -300,7 +336,6 @@ impl Layout<'_, '_, '_> {
         })
     }
 
-    /// The types were decided for the first values of the axes and must hold for all.
     fn type_of_job(
         &self,
         stage: usize,
@@ -375,7 +410,7 @@ impl Layout<'_, '_, '_> {
     /// The parameters without ports and defaults, files shown by a function.
     fn described(
         &self,
-        draft: &Draft<'_>,
+        draft: &Draft<'r>,
         parameters: Json,
         roles: &[RoleField],
         seed: Option<u64>,
@@ -391,7 +426,7 @@ impl Layout<'_, '_, '_> {
             };
             replaced.push(Replaced { path: &field.path, role: &field.role, instead });
         }
-        let own_seed = crate::engine::schema::FieldPath::parse("seed");
+        let own_seed = FieldPath::parse("seed");
         if let (Some(seed), false) = (seed, roles.iter().any(|field| field.role == Role::Seed)) {
             replaced.push(Replaced { path: &own_seed, role: &Role::Seed, instead: Some(json!(seed)) });
         }
@@ -407,6 +442,15 @@ impl Layout<'_, '_, '_> {
         let files = roles.iter().filter(|field| field.role == Role::File);
         files.filter_map(|field| Some((field.path.to_string(), file_path(&field.node, self.world.sources)?))).collect()
     }
+}
+
+/// The parameters with the paths of a recorded run's files as they are now.
+fn with_files<'f>(node: &Node, roles: &[RoleField], recorded: impl Fn(&RoleField) -> Option<&'f RecordedInput>) -> Node {
+    let files = roles.iter().filter_map(|field| Some((field, recorded(field)?)));
+    files.fold(node.clone(), |node, (field, input)| {
+        let text = Value::Text(input.path.to_string_lossy().into());
+        field.path.replaced(&node, &text)
+    })
 }
 
 /// The seed that the stage itself sets.

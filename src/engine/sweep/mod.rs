@@ -12,7 +12,9 @@ mod sections;
 mod tests;
 mod typing;
 
-use std::collections::HashMap;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap};
+use std::rc::Rc;
 
 use self::draft::{Draft, FileCheck};
 use super::axes::{self, Axis};
@@ -20,8 +22,9 @@ use super::diagnostic::{Diagnostic, quoted};
 use super::document::{self, Document};
 use super::graph::Graph;
 use super::reference::Selection;
-use super::registry::Registry;
-use super::request::{self, Request};
+use super::registry::{Kind, Registry};
+use super::request::{self, InputPlace, RecordedInput, Request};
+use super::schema::Rules;
 use super::source::{Finding, Findings, Sources, did_you_mean};
 use super::substitution::Scope;
 use crate::catalogue::nearest;
@@ -33,7 +36,7 @@ pub fn build(registry: &Registry, request: &Request) -> Result<(Graph, Vec<Diagn
     let graph = built(registry, request, &mut sources, &mut findings);
     let (errors, warnings) = sources.diagnostics(findings);
     match graph {
-        Some(graph) if errors.is_empty() => Ok((graph, warnings)),
+        Some(graph) if errors.is_empty() => Ok((Graph { has_warnings: !warnings.is_empty(), ..graph }, warnings)),
         _ => Err(errors),
     }
 }
@@ -49,7 +52,8 @@ fn built(registry: &Registry, request: &Request, sources: &mut Sources, findings
     let axes: Vec<Axis> = document.axes.iter().map(|entry| read(entry, findings)).collect();
     warn_of_references_in_parameters(&document, &axes, findings);
     sections::put_in(&mut document, &axes, sources, findings);
-    let world = World { registry, document, axes, sources, limit: request.max_jobs };
+    let (limit, inputs) = (request.max_jobs, request.inputs.as_ref());
+    let world = World { registry, document, axes, sources, limit, inputs, rules: RefCell::default() };
     let drafts = drafts(&world, findings);
     let resolved = resolve::resolve(&world, &drafts, findings);
     let typed = typing::decide(&world, &drafts, &resolved, findings);
@@ -68,9 +72,18 @@ struct World<'r, 'a> {
     sources: &'a Sources,
     /// Most jobs.
     limit: u64,
+    /// By name of the kind.
+    rules: RefCell<HashMap<&'static str, Rc<Rules<'r>>>>,
+    /// See [`Request::inputs`].
+    inputs: Option<&'a BTreeMap<InputPlace, RecordedInput>>,
 }
 
-impl World<'_, '_> {
+impl<'r> World<'r, '_> {
+    /// What the parameters of a kind must be.
+    fn rules(&self, kind: &'r Kind) -> Rc<Rules<'r>> {
+        self.rules.borrow_mut().entry(kind.name).or_insert_with(|| Rc::new(Rules::new(kind.name, &kind.schema))).clone()
+    }
+
     /// The name of a stage.
     fn name(&self, stage: usize) -> &str {
         &self.document.stages[stage].name

@@ -61,8 +61,8 @@ impl Reader<'_> {
         if self.findings.error_count() > error_count {
             return None;
         }
-        // A parameter may hold the section itself.
-        let Some(text) = named.text() else { return Some(named) };
+        // A parameter may hold the section itself; it is put in where all parameters are.
+        let Some(text) = named.text() else { return Some(node.clone()) };
         let path = self.sources.get(named.place.file).folder.join(text);
         if let Some(known) = self.read.get(&path) {
             return known.clone();

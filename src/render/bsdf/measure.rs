@@ -12,6 +12,32 @@ use crate::math::statistics::{ChiSquareTest, chi_square_test};
 use crate::math::stream::{Purpose, Stream};
 use crate::render::bsdf::{Bsdf, BsdfSample, Lobe, Transport};
 
+/// At least one of each kind, over their choices, as a person writes them: what tests and benchmarks walk.
+pub const EXAMPLES: [&str; 22] = [
+    "diffuse: { reflectance: [0.2, 0.5, 0.8] }",
+    "mirror: { reflectance: 0.9 }",
+    "dielectric: {}",
+    "dielectric: { eta: 0.75, fresnel: schlick, transmittance: [1, 0.9, 0.8] }",
+    "conductor: { metal: copper }",
+    "conductor: { eta: [0.2, 0.9, 1.1], k: [3.9, 2.4, 2.1], fresnel: approximate }",
+    "rough-conductor: { metal: gold, alpha: 0.005 }",
+    "rough-conductor: { metal: gold, alpha: 0.05, distribution: beckmann }",
+    "rough-conductor: { metal: gold, alpha: 0.25 }",
+    "rough-conductor: { metal: gold, alpha: 0.25, distribution: beckmann }",
+    "rough-conductor: { metal: ideal, alpha: 0.5, masking: separable }",
+    "rough-conductor: { metal: ideal, alpha: 0.5, distribution: beckmann, masking: separable, sampling: all-normals }",
+    "rough-conductor: { metal: platinum, alpha: 1, distribution: beckmann }",
+    "rough-conductor: { metal: silver, alpha: 1, sampling: all-normals }",
+    "rough-dielectric: { alpha: 0.005 }",
+    "rough-dielectric: { alpha: 0.1, distribution: beckmann }",
+    "rough-dielectric: { alpha: 0.5 }",
+    "rough-dielectric: { alpha: 0.5, eta: 0.7, sampling: all-normals, masking: separable }",
+    "rough-dielectric: { alpha: 0.3, eta: 1.33, distribution: beckmann, fresnel: schlick }",
+    "plastic: { diffuse: [0.2, 0.5, 0.8] }",
+    "plastic: { diffuse: 0.9, nonlinear: true, eta: 1.9 }",
+    "plastic: { diffuse: 0.5, specular: 0, one_sided: true }",
+];
+
 /// A BSDF seen from one direction.
 #[derive(Debug, Clone, Copy)]
 pub struct View {

@@ -10,7 +10,7 @@ pub mod ply;
 pub mod read;
 pub mod write;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Triangles over shared vertices.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -163,6 +163,18 @@ impl Mesh {
     pub fn memory(&self) -> u64 {
         let arrays = size_of_val(&*self.positions) + size_of_val(&*self.normals) + size_of_val(&*self.uvs) + size_of_val(&*self.triangles);
         arrays as u64
+    }
+
+    /// The same mesh, scaled and moved: its longest side has that length, and it stands on y = 0 about the y axis.
+    pub fn standing(self, length: f64) -> Result<Self, MeshError> {
+        let [low, high] = self.positions.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], position| {
+            let position = position.as_dvec3();
+            [low.min(position), high.max(position)]
+        });
+        let foot = DVec3::new((low.x + high.x) / 2.0, low.y, (low.z + high.z) / 2.0);
+        let scale = length / (high - low).max_element();
+        let positions = self.positions.iter().map(|position| ((position.as_dvec3() - foot) * scale).as_vec3()).collect();
+        Ok(Self::new(Arrays { positions, normals: self.normals, uvs: self.uvs, triangles: self.triangles })?.0)
     }
 
     /// The same mesh without normals, so that every triangle is seen flat.

@@ -140,6 +140,9 @@ impl SceneDescription {
             found.push(SceneMistake { field: "shapes".into(), message, hint: None });
         }
         for (index, shape) in self.shapes.iter().enumerate() {
+            if let Some(error) = shape.shape.contradiction() {
+                found.push(SceneMistake { field: format!("shapes[{index}]"), message: error.to_string(), hint: None });
+            }
             let mut add = |part: &str, message: String, hint: Option<String>| {
                 found.push(SceneMistake { field: format!("shapes[{index}].{part}"), message, hint });
             };

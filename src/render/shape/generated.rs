@@ -209,6 +209,26 @@ fn fur() -> f64 {
     0.03
 }
 
+/// Names of the generated meshes.
+pub const NAMES: [&str; 5] = ["icosphere", "uv-sphere", "torus", "knot", "blob"];
+
+/// The generated mesh of that name with default parameters.
+pub fn named(name: &str) -> Option<Result<Mesh, ShapeError>> {
+    Some(match name {
+        "icosphere" => usual::<Icosphere>().mesh().map_err(ShapeError::from),
+        "uv-sphere" => usual::<UvSphere>().mesh().map_err(ShapeError::from),
+        "torus" => usual::<Torus>().mesh(),
+        "knot" => usual::<Knot>().mesh().map_err(ShapeError::from),
+        "blob" => usual::<Blob>().mesh().map_err(ShapeError::from),
+        _ => return None,
+    })
+}
+
+/// What `{}` means in a scene.
+fn usual<T: serde::de::DeserializeOwned>() -> T {
+    serde_json::from_str("{}").expect("every parameter has a default")
+}
+
 impl Icosphere {
     /// The mesh, without texture coordinates.
     pub fn mesh(&self) -> Result<Mesh, MeshError> {
@@ -282,10 +302,16 @@ fn with_seamless_normals(mesh: Mesh, columns: u32, rows: u32) -> Result<Mesh, Me
 }
 
 impl Torus {
+    /// A ring that would pass through itself.
+    pub fn contradiction(&self) -> Option<ShapeError> {
+        let Self { tube_radius, radius, .. } = *self;
+        (tube_radius >= radius).then_some(ShapeError::FatTorus { tube_radius, radius })
+    }
+
     /// The mesh; u runs around the ring, v around the tube.
     pub fn mesh(&self) -> Result<Mesh, ShapeError> {
-        if self.tube_radius >= self.radius {
-            return Err(ShapeError::FatTorus { tube_radius: self.tube_radius, radius: self.radius });
+        if let Some(error) = self.contradiction() {
+            return Err(error);
         }
         tube(self.columns, self.rows, |u, v| {
             let (sin_phi, cos_phi) = elementary::sin_cos(TAU * u);

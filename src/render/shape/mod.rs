@@ -68,6 +68,15 @@ pub enum Form {
 }
 
 impl Shape {
+    /// What of its parameters contradicts another, found without making anything.
+    pub fn contradiction(&self) -> Option<ShapeError> {
+        match self {
+            Self::Box(cuboid) => cuboid.form().err(),
+            Self::Torus(torus) => torus.contradiction(),
+            _ => None,
+        }
+    }
+
     /// Its form; `load` gives the mesh that a file or a stage names.
     pub fn form<E: From<ShapeError>>(&self, load: impl FnOnce(&MeshShape) -> Result<Arc<Mesh>, E>) -> Result<Form, E> {
         Ok(match self {
