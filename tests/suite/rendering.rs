@@ -56,7 +56,11 @@ fn mistakes_of_a_scene_are_shown_in_its_own_file_with_the_nearest_word() {
         ("pyramid.obj", "pyramide.obj", "scenes/still.yaml:7: input file `pyramide.obj`: no such file; did you mean `pyramid.obj`?"),
         ("max_depth: 3", "max_depth: -1", "scenes/still.yaml:4: `scene.integrator.path.max_depth` must be"),
         ("translate: [1.5, 0, 0]", "scale: 0", "scenes/still.yaml:7: step 1 of the transform"),
-        ("mesh: { path: pyramid.obj }", "box: { min: [0, 0, 0], max: [1, 0, 1] }", "scenes/still.yaml:7: `min` of the box must be below `max`"),
+        (
+            "mesh: { path: pyramid.obj }",
+            "box: { min: [0, 0, 0], max: [1, 0, 1] }",
+            "scenes/still.yaml:7: `min` of the box must be below `max`",
+        ),
         ("mesh: { path: pyramid.obj }", "mesh: { of: pyramid }", "scenes/still.yaml:7: there is no mesh `pyramid`"),
     ] {
         let space = still();

@@ -258,7 +258,8 @@ mod tests {
         ] {
             let placed: PlacedShape = serde_json::from_str(text).unwrap();
             assert_eq!(serde_json::to_string(&placed).unwrap(), text);
-            let yaml: PlacedShape = serde_yaml::with::singleton_map_recursive::deserialize(serde_yaml::Deserializer::from_str(text)).unwrap();
+            let yaml: PlacedShape =
+                serde_yaml::with::singleton_map_recursive::deserialize(serde_yaml::Deserializer::from_str(text)).unwrap();
             assert_eq!(yaml, placed);
         }
     }

@@ -253,7 +253,11 @@ fn divided(references: &mut [Reference], extent: Extent, levels: usize) -> ([Set
     while count < WIDTH {
         let splittable = (0..count).filter(|&k| sets[k].len() > WIDTH);
         let chosen = if may_be_uneven {
-            splittable.max_by(|&a, &b| sets[a].extent.half_area().total_cmp(&sets[b].extent.half_area()))
+            // Of boxes as large the one with more in it, so that coincident items make a balanced tree.
+            splittable.max_by(|&a, &b| {
+                let areas = sets[a].extent.half_area().total_cmp(&sets[b].extent.half_area());
+                areas.then(sets[a].len().cmp(&sets[b].len()))
+            })
         } else {
             splittable.max_by_key(|&k| sets[k].len())
         };
