@@ -136,6 +136,7 @@ pub fn run(
     let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
     outputs.prepare()?;
     known.library.tidy();
+    unchanged::tell_damage(&graph, places, &known.library);
     let standing = read_standing(&outputs.path());
     let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), settings, interrupted, listener);
     let (shared, finished) = finished;

@@ -170,6 +170,11 @@ impl Library {
         }
     }
 
+    /// A cache, if it is sound; nothing is said or set aside if not.
+    pub fn glance_at_note(&self, name: &str) -> Option<String> {
+        unseal(&self.text(Shelf::Notes, name, NOTE_LIMIT).ok()?).map(str::to_owned)
+    }
+
     /// The record of a result, if it is sound; nothing is said or set aside if not.
     pub fn glance_at_result(&self, key: &Digest) -> Option<ResultRecord> {
         parse_record(&self.text(Shelf::Results, &key.to_string(), RECORD_LIMIT).ok()?)
