@@ -12,6 +12,7 @@ use pipeline::engine::store::record::{PublicationRecord, ResultRecord, seal, uns
 use pipeline::engine::sweep::build;
 use pipeline::formats::{self, Content, FORMATS, Limits};
 use pipeline::image::raster::Image;
+use pipeline::render::mesh::{Mesh, read, write};
 use pipeline::stages::registry;
 
 /// Name of a target, which is also its folder of seeds, and what it tries.
@@ -25,6 +26,9 @@ pub const TARGETS: &[Target] = &[
     ("png", |bytes| image("png", bytes)),
     ("ppm", |bytes| image("ppm", bytes)),
     ("npy", |bytes| image("npy", bytes)),
+    ("ply", mesh),
+    ("obj", mesh),
+    ("gltf", mesh),
     ("pipeline", pipeline_file),
     ("arguments", arguments),
     ("record", record),
@@ -35,6 +39,24 @@ pub const TARGETS: &[Target] = &[
 pub fn run(name: &str, bytes: &[u8]) {
     let (_, target) = TARGETS.iter().find(|(known, _)| *known == name).expect("a target of that name");
     target(bytes);
+}
+
+/// A mesh that was read is written and read again as the same.
+fn mesh(bytes: &[u8]) {
+    let Ok((mesh, _)) = read::read(bytes, &|_| None) else { return };
+    // Normals at right angles to their triangle leave its orientation to rounding, so the order of corners does not count.
+    let corners = |mesh: &Mesh| {
+        let sorted = |triangle: usize| {
+            let mut corners = mesh.corners(triangle).map(|corner| corner.to_array().map(f32::to_bits));
+            corners.sort_unstable();
+            corners
+        };
+        (0..mesh.triangles().len()).map(sorted).collect::<Vec<_>>()
+    };
+    for written in [write::ply(&mesh), write::obj(&mesh)] {
+        let (again, _) = read::read(&written, &|_| None).expect("our own file");
+        assert_eq!(corners(&again), corners(&mesh));
+    }
 }
 
 /// Small enough that no input takes long or much.

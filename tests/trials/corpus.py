@@ -8,8 +8,8 @@ What is left out is printed, each with the word that it needs; everything else m
 import json, os, re, subprocess, sys
 
 # Words of later issues that a case's pipeline uses where it must be accepted, or names in what it must say.
-ABSENT = ["render", "denoise", "lobe", "sobol", "mis_compensation", "defensive"]
-TEMPLATES_ABSENT = {"obj", "ply", "png"}  # their templates render a scene
+ABSENT = ["denoise", "lobe", "sobol", "mis_compensation", "defensive"]
+TEMPLATES_ABSENT = {"png": "bitmap"}  # textures of images
 
 # Files whose values are not finite: `load` accepts and publishes them, `distribution` refuses them at their line and
 # pixel, as the corpus's own decisions say; these cases would have nothing published. A result knows no file name.
@@ -24,7 +24,7 @@ def needs(corpus, case):
     if case.get("id", case["file"]) in PUBLISHED_FIRST:
         return "a failed run that publishes nothing"
     if case["kind"] in TEMPLATES_ABSENT and case.get("template") != "load":
-        return "render"
+        return TEMPLATES_ABSENT[case["kind"]]
     if case["kind"] != "yaml" or "gen" in case:
         return None
     text = open(os.path.join(corpus, case["file"]), "rb").read().decode("utf-8", "replace")

@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
-use wide::f32x4;
+use wide::{f32x4, i32x4};
 
 /// Boxes tested at once, and items in a leaf.
 pub const WIDTH: usize = 4;
@@ -71,6 +71,8 @@ pub struct Built {
     pub order: Vec<u32>,
     /// Where each leaf begins in `order` and ends.
     pub leaves: Vec<Range<u32>>,
+    /// The box around everything.
+    pub bounds: Bounds,
 }
 
 /// Builds the tree over `count` boxes; `check` is asked now and then whether to stop.
@@ -82,13 +84,11 @@ pub fn build<E: Send>(count: usize, bounds: impl Fn(usize) -> Bounds + Sync, che
         Reference { min, item, max }
     };
     (0..count as u32).into_par_iter().map(reference).collect_into_vec(&mut references);
-    let mut part = Part::default();
-    if count > 0 {
-        let whole = bounds_of(&references);
-        part = grow(&mut references, 0, whole, DEEPEST, &check)?;
-    }
+    let whole = bounds_of(&references);
+    let part = if count > 0 { grow(&mut references, 0, whole, DEEPEST, &check)? } else { Part::default() };
     let order = references.iter().map(|reference| reference.item).collect();
-    Ok(Built { bvh: Bvh { nodes: part.nodes }, order, leaves: part.leaves })
+    let bounds = Bounds { min: whole.min.into(), max: whole.max.into() };
+    Ok(Built { bvh: Bvh { nodes: part.nodes }, order, leaves: part.leaves, bounds })
 }
 
 /// An item while the tree is built.
@@ -253,41 +253,48 @@ fn divided(references: &mut [Reference], extent: Extent, levels: usize) -> ([Set
     while count < WIDTH {
         let splittable = (0..count).filter(|&k| sets[k].len() > WIDTH);
         let chosen = if may_be_uneven {
-            splittable.max_by(|&a, &b| sets[a].extent.half_area().total_cmp(&sets[b].extent.half_area()))
+            // Of boxes as large the one with more in it, so that coincident items make a balanced tree.
+            splittable.max_by(|&a, &b| {
+                let areas = sets[a].extent.half_area().total_cmp(&sets[b].extent.half_area());
+                areas.then(sets[a].len().cmp(&sets[b].len()))
+            })
         } else {
             splittable.max_by_key(|&k| sets[k].len())
         };
         let Some(chosen) = chosen else { break };
         let set = sets[chosen];
         let own = &mut references[set.start..set.end];
-        let middle = if may_be_uneven { split_by_area(own) } else { split_by_count(own) };
-        let (left, right) = own.split_at(middle);
+        let Split { middle, left, right } = if may_be_uneven { split_by_area(own) } else { split_by_count(own) };
         // Sets stay in the order of the references.
         sets.copy_within(chosen + 1..count, chosen + 2);
-        sets[chosen] = Set { start: set.start, end: set.start + middle, extent: bounds_of(left) };
-        sets[chosen + 1] = Set { start: set.start + middle, end: set.end, extent: bounds_of(right) };
+        sets[chosen] = Set { start: set.start, end: set.start + middle, extent: left };
+        sets[chosen + 1] = Set { start: set.start + middle, end: set.end, extent: right };
         count += 1;
     }
     (sets, count)
 }
 
+/// Where references were cut, and the boxes around both sides.
+struct Split {
+    middle: usize,
+    left: Extent,
+    right: Extent,
+}
+
 /// Halves along the longest axis of the centers.
-fn split_by_count(references: &mut [Reference]) -> usize {
+fn split_by_count(references: &mut [Reference]) -> Split {
     let centers = centers_of(references);
     let axis = (centers.max - centers.min).max_position();
     let middle = references.len() / 2;
     references.select_nth_unstable_by(middle, |a, b| a.center()[axis].total_cmp(&b.center()[axis]).then(a.item.cmp(&b.item)));
-    middle
+    Split { middle, left: bounds_of(&references[..middle]), right: bounds_of(&references[middle..]) }
 }
 
-/// Most bins per axis.
-const BINS: usize = 16;
-
-/// Boxes and counts of the items whose centers fall into each bin of each axis.
+/// Boxes and counts of the items whose centers fall into each of `N` bins of each axis.
 #[derive(Clone)]
-struct Bins {
-    extents: [[Extent; BINS]; 3],
-    counts: [[u32; BINS]; 3],
+struct Bins<const N: usize> {
+    extents: [[Extent; N]; 3],
+    counts: [[u32; N]; 3],
 }
 
 /// How centers become bins: subtract, multiply, round down.
@@ -295,26 +302,44 @@ struct Bins {
 struct Binning {
     least: Vec3A,
     scale: Vec3A,
-    count: usize,
+    last: i32,
 }
 
 impl Binning {
+    #[inline(always)]
     fn bins(&self, center: Vec3A) -> [usize; 3] {
-        let place = (center - self.least) * self.scale;
-        // The greatest center falls on the end of the last bin; a negative or NaN place becomes 0.
-        place.to_array().map(|place| (place as usize).min(self.count - 1))
+        let [x, y, z] = ((center - self.least) * self.scale).to_array();
+        // The greatest center falls on the end of the last bin; what is NaN becomes a negative number, and that 0.
+        let bins = f32x4::new([x, y, z, 0.0]).fast_trunc_int();
+        let [x, y, z, _] = bins.max(i32x4::ZERO).min(i32x4::splat(self.last)).to_array();
+        [x as usize, y as usize, z as usize]
+    }
+
+    #[inline(always)]
+    fn bin(&self, center: Vec3A, axis: usize) -> usize {
+        self.bins(center)[axis]
     }
 }
 
-impl Bins {
-    const EMPTY: Self = Self { extents: [[Extent::EMPTY; BINS]; 3], counts: [[0; BINS]; 3] };
+/// The best cut that bins show: its axis, and the boxes around both sides.
+struct Cut {
+    cost: f32,
+    axis: usize,
+    first_right: usize,
+    left: Extent,
+    right: Extent,
+}
+
+impl<const N: usize> Bins<N> {
+    const EMPTY: Self = Self { extents: [[Extent::EMPTY; N]; 3], counts: [[0; N]; 3] };
 
     fn of(references: &[Reference], binning: &Binning) -> Self {
         let mut all = Self::EMPTY;
         for reference in references {
             let extent = reference.bounds();
-            let bins = binning.bins(reference.center());
-            for (axis, bin) in bins.into_iter().enumerate() {
+            let [x, y, z] = binning.bins(reference.center());
+            for (axis, bin) in [x, y, z].into_iter().enumerate() {
+                let bin = bin.min(N - 1);
                 all.extents[axis][bin] = all.extents[axis][bin].union(extent);
                 all.counts[axis][bin] += 1;
             }
@@ -324,7 +349,7 @@ impl Bins {
 
     fn union(mut self, other: Self) -> Self {
         for axis in 0..3 {
-            for bin in 0..BINS {
+            for bin in 0..N {
                 self.extents[axis][bin] = self.extents[axis][bin].union(other.extents[axis][bin]);
                 self.counts[axis][bin] += other.counts[axis][bin];
             }
@@ -332,25 +357,25 @@ impl Bins {
         self
     }
 
-    /// Cost, axis and first bin of the right side of the best cut.
-    fn best(&self, count: usize) -> (f32, usize, usize) {
-        let mut best = (f32::INFINITY, 0, 0);
+    fn best(&self) -> Cut {
+        let mut best = Cut { cost: f32::INFINITY, axis: 0, first_right: 0, left: Extent::EMPTY, right: Extent::EMPTY };
         for axis in 0..3 {
-            let mut right_costs = [0.0; BINS];
+            let mut rights = [(Extent::EMPTY, 0.0); N];
             let (mut extent, mut items) = (Extent::EMPTY, 0);
-            for bin in (1..count).rev() {
+            for bin in (1..N).rev() {
                 extent = extent.union(self.extents[axis][bin]);
                 items += self.counts[axis][bin];
-                right_costs[bin] = extent.half_area() * leaf_count(items);
+                rights[bin] = (extent, extent.half_area() * leaf_count(items));
             }
             let total = items + self.counts[axis][0];
-            let (mut extent, mut items) = (Extent::EMPTY, 0);
-            for bin in 1..count {
-                extent = extent.union(self.extents[axis][bin - 1]);
+            let (mut left, mut items) = (Extent::EMPTY, 0);
+            for bin in 1..N {
+                left = left.union(self.extents[axis][bin - 1]);
                 items += self.counts[axis][bin - 1];
-                let cost = extent.half_area() * leaf_count(items) + right_costs[bin];
-                if items > 0 && items < total && cost < best.0 {
-                    best = (cost, axis, bin);
+                let (right, right_cost) = rights[bin];
+                let cost = left.half_area() * leaf_count(items) + right_cost;
+                if items > 0 && items < total && cost < best.cost {
+                    best = Cut { cost, axis, first_right: bin, left, right };
                 }
             }
         }
@@ -363,23 +388,30 @@ fn leaf_count(items: u32) -> f32 {
 }
 
 /// Parts the references where the surface area heuristic is least among equally spaced cuts of all axes.
-fn split_by_area(references: &mut [Reference]) -> usize {
-    let centers = centers_of(references);
-    let size = centers.max - centers.min;
-    let count = if references.len() < 64 { BINS / 2 } else { BINS };
-    // Axes on which all centers agree have an infinite scale; their centers land in bin 0 by the NaN rule.
-    let binning = Binning { least: centers.min, scale: Vec3A::splat(count as f32) / size, count };
-    let bins = if references.len() < MANY {
-        Bins::of(references, &binning)
-    } else {
-        references.par_chunks(CHUNK).map(|chunk| Bins::of(chunk, &binning)).reduce(|| Bins::EMPTY, Bins::union)
-    };
-    let (cost, axis, cut) = bins.best(count);
-    if cost.is_finite() {
-        partition(references, |reference| binning.bins(reference.center())[axis] < cut)
-    } else {
-        split_by_count(references)
+fn split_by_area(references: &mut [Reference]) -> Split {
+    match references.len() {
+        0..24 => split_at_bins::<6>(references),
+        24..256 => split_at_bins::<12>(references),
+        _ => split_at_bins::<16>(references),
     }
+}
+
+fn split_at_bins<const N: usize>(references: &mut [Reference]) -> Split {
+    let centers = centers_of(references);
+    // Axes on which all centers agree have an infinite scale; their centers land in bin 0 by the NaN rule.
+    let scale = Vec3A::splat(N as f32) / (centers.max - centers.min);
+    let binning = Binning { least: centers.min, scale, last: N as i32 - 1 };
+    let bins = if references.len() < MANY {
+        Bins::<N>::of(references, &binning)
+    } else {
+        references.par_chunks(CHUNK).map(|chunk| Bins::<N>::of(chunk, &binning)).reduce(|| Bins::EMPTY, Bins::union)
+    };
+    let Cut { cost, axis, first_right, left, right } = bins.best();
+    if !cost.is_finite() {
+        return split_by_count(references);
+    }
+    let middle = partition(references, |reference| binning.bin(reference.center(), axis) < first_right);
+    Split { middle, left, right }
 }
 
 /// Puts the items that belong to the left first; gives their number.

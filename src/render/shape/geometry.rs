@@ -121,7 +121,7 @@ impl Geometry {
             bounds.push(around);
             geometry.objects.push(object);
         }
-        let bvh::Built { bvh, order, leaves } = bvh::build(bounds.len(), |object| bounds[object], &check)?;
+        let bvh::Built { bvh, order, leaves, .. } = bvh::build(bounds.len(), |object| bounds[object], &check)?;
         Ok(Self { top: bvh, order, leaves, ..geometry })
     }
 

@@ -100,7 +100,7 @@ impl Triangles {
             None => positions[corner as usize],
         };
         let corners = |triangle: u32| mesh.triangles()[triangle as usize].map(placed);
-        let bvh::Built { bvh, order, leaves } =
+        let bvh::Built { bvh, order, leaves, bounds } =
             bvh::build(mesh.triangles().len(), |triangle| Bounds::around(corners(triangle as u32)), &check)?;
         check()?;
         let packed = |leaf: &std::ops::Range<u32>| {
@@ -115,8 +115,6 @@ impl Triangles {
         };
         let mut packs = Vec::new();
         leaves.par_iter().map(packed).collect_into_vec(&mut packs);
-        let bounds = (0..mesh.triangles().len() as u32).into_par_iter().with_min_len(1 << 14).map(|t| Bounds::around(corners(t)));
-        let bounds = bounds.reduce(|| Bounds::EMPTY, Bounds::union);
         Ok(Self { mesh, bvh, packs, bounds })
     }
 
