@@ -76,7 +76,6 @@ fn execute(arguments: Arguments, screen: &Screen) -> Ending {
         Command::Schema => manual::schema(screen),
         Command::Info(command) => images::info(&command, screen),
         Command::Convert(command) => images::convert(&command, screen),
-        Command::Store(command) => store::store(&command, screen),
         Command::Verify(command) => verify::verify(&command, screen),
         Command::Diff(command) => diff::diff(&command, screen),
         Command::Which(command) => which::which(&command, screen),
@@ -84,6 +83,7 @@ fn execute(arguments: Arguments, screen: &Screen) -> Ending {
         Command::Init(command) => init::init(&command, screen),
         Command::Completions(command) => shell::completions(&command, screen),
         Command::Man(command) => shell::man(&command, screen),
+        Command::Store(command) => store::store(&command, screen),
     }
 }
 

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 
-use super::artifact::AnyArtifact;
+use super::artifact::{AnyArtifact, Artifact};
 use super::coordinate::Scalar;
 use super::parameter::{Accepts, InputFile, Port, Ports, Seed};
 use super::stage::StageError;
@@ -44,6 +44,7 @@ pub trait FileSource: Send + Sync {
 pub struct Job<'a> {
     inputs: BTreeMap<String, Vec<Input>>,
     files: &'a dyn FileSource,
+    earlier: Vec<AnyArtifact>,
     seed: u64,
     interrupted: &'a AtomicBool,
     withdrawn: Option<&'a AtomicBool>,
@@ -56,7 +57,8 @@ impl<'a> Job<'a> {
     ///
     /// `seed` is the pipeline's, for stages that set none.
     pub fn new(inputs: BTreeMap<String, Vec<Input>>, files: &'a dyn FileSource, seed: u64, interrupted: &'a AtomicBool) -> Self {
-        Self { inputs, files, seed, interrupted, withdrawn: None, progress: Arc::default(), warnings: Mutex::default() }
+        let earlier = Vec::new();
+        Self { inputs, files, earlier, seed, interrupted, withdrawn: None, progress: Arc::default(), warnings: Mutex::default() }
     }
 
     /// The same job, saying how far it is through a handle that a display looks at.
@@ -64,6 +66,18 @@ impl<'a> Job<'a> {
     pub fn with_progress(mut self, progress: Arc<AtomicU32>) -> Self {
         self.progress = progress;
         self
+    }
+
+    /// The same job with the results of one that it can go on from.
+    #[must_use]
+    pub fn with_earlier(mut self, earlier: Vec<AnyArtifact>) -> Self {
+        self.earlier = earlier;
+        self
+    }
+
+    /// A result to go on from, if the store has one of the kind's `prefixes`: the first of that type.
+    pub fn earlier<T: Artifact>(&self) -> Option<Arc<T>> {
+        self.earlier.iter().find_map(|artifact| artifact.clone().get())
     }
 
     /// The same job, to stop also when this is set: another run computes it already.

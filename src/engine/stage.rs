@@ -85,6 +85,13 @@ pub trait Stage: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stat
         inputs.values().sum()
     }
 
+    /// Parameters whose results this job can go on from, the best first; inputs, files and seed are the same.
+    ///
+    /// If the store has one of them, `run` finds it by [`Job::earlier`]. Its own results must be the same bytes either way.
+    fn prefixes(&self) -> Vec<Self> {
+        Vec::new()
+    }
+
     /// Computes the results; a function of the parameters, the inputs and the seed alone.
     fn run(&self, job: &Job<'_>) -> Result<Self::Output, StageError>;
 }
@@ -167,6 +174,8 @@ pub trait AnyStage: Send + Sync {
     fn axes_used(&self) -> Option<Vec<String>>;
     /// See [`Stage::memory`].
     fn memory(&self, inputs: &InputSizes) -> u64;
+    /// See [`Stage::prefixes`]; parameter blocks as JSON.
+    fn prefixes(&self) -> Vec<Json>;
     /// See [`Stage::run`].
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError>;
 }
@@ -202,6 +211,10 @@ impl<T: Stage> AnyStage for T {
 
     fn memory(&self, inputs: &InputSizes) -> u64 {
         Stage::memory(self, inputs)
+    }
+
+    fn prefixes(&self) -> Vec<Json> {
+        Stage::prefixes(self).iter().map(AnyStage::parameters).collect()
     }
 
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {

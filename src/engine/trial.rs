@@ -277,6 +277,7 @@ fn job_node(trial: &TrialJob, stage: usize, jobs: &[TrialJob]) -> JobNode {
         parameters: Box::new(parameters),
         shown: canonical.clone(),
         canonical,
+        prefixes: Vec::new(),
         inputs,
         files,
         seed: None,

@@ -5,6 +5,7 @@ mod commands;
 mod language;
 mod provenance;
 mod reasons;
+mod rendering;
 mod reuse;
 mod space;
 mod store;

@@ -132,8 +132,12 @@ impl Scheduler<'_> {
         if self.state(job).planned.key == Some(*key) {
             return None;
         }
+        let is_whole = |record: &ResultRecord| is_whole(&self.shared.graph, &self.shared.graph.jobs[job], record);
+        if let Some(record) = self.index.result_of_key(key).filter(|record| is_whole(record)) {
+            return Some(record.clone());
+        }
         match self.shared.library.result(key) {
-            Ok(record) => Some(record).filter(|record| is_whole(&self.shared.graph, &self.shared.graph.jobs[job], record)),
+            Ok(record) => Some(record).filter(is_whole),
             Err(Lost::Missing) => None,
             Err(lost @ Lost::Damaged(_)) => {
                 self.state_mut(job).rerun_reason = lost.reason();

@@ -10,13 +10,16 @@ use std::sync::mpsc::{Receiver, Sender};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use serde_json::Value as Json;
+
 use super::panics;
 use super::values::{Fetcher, LostResults, Shared, Source};
 use crate::engine::artifact::{AnyArtifact, Origin};
 use crate::engine::digest::Digest;
 use crate::engine::files::PlainFile;
-use crate::engine::graph::PortInputs;
+use crate::engine::graph::{InputNode, PortInputs};
 use crate::engine::job::{FileSource, Input, Job};
+use crate::engine::key;
 use crate::engine::stage::StageError;
 use crate::engine::store::committer::Commit;
 use crate::engine::store::library::{CopyError, INLINE_LIMIT, Lost};
@@ -167,7 +170,7 @@ fn run(shared: &Arc<Shared>, task: &RunTask) -> Result<RanJob, Fault> {
     let files = KeyedFiles::new(node.files.iter().map(|(_, path)| path.clone()).zip(task.files.iter().copied()));
     let inputs = inputs(shared, task, &lost)?;
     let job = Job::new(inputs, &files, shared.graph.seed, &shared.interrupted).with_progress(task.progress.clone());
-    let job = job.with_withdrawal(&task.withdrawn);
+    let job = job.with_withdrawal(&task.withdrawn).with_earlier(earlier(shared, task));
 
     let result = node.parameters.run(&job);
     let lost = std::mem::take(&mut *lost.lock().expect("no one panics while noting a loss"));
@@ -181,6 +184,31 @@ fn run(shared: &Arc<Shared>, task: &RunTask) -> Result<RanJob, Fault> {
     let warnings = job.take_warnings();
     drop(job);
     keep_results(shared, task, artifacts, warnings, start)
+}
+
+/// Results of the first prefix of a job that the store has whole; none where the job is to run from nothing.
+///
+/// What the store has lost of them is no loss to this job.
+fn earlier(shared: &Shared, task: &RunTask) -> Vec<AnyArtifact> {
+    let node = &shared.graph.jobs[task.job];
+    let declared = &shared.graph.stages[node.stage].results;
+    if node.is_forced {
+        return Vec::new();
+    }
+    let content = |item: &InputNode| {
+        let sources = task.sources.iter().flatten();
+        let source = sources.into_iter().find(|source| source.job == item.job && source.result == item.result);
+        source.expect("a task has a source for every input").blob.digest
+    };
+    let results = |prefix: &Json| {
+        let key = key::key_of_prefix(&shared.graph, node, prefix, &task.files, content);
+        let record = shared.library.result(&key).ok()?;
+        let has_types = record.outputs.iter().map(|output| output.type_name.as_str()).eq(declared.iter().map(|(_, name)| *name));
+        let outputs = record.outputs.iter().filter(|_| has_types);
+        let read = |output: &OutputRecord| shared.library.read_artifact(shared.artifact_kind(&output.type_name), &output.content).ok();
+        outputs.map(read).collect::<Option<Vec<_>>>().filter(|results| !results.is_empty())
+    };
+    node.prefixes.iter().find_map(results).unwrap_or_default()
 }
 
 /// What stands on the ports: single inputs are read now, collected ones when the stage reaches them.
