@@ -263,8 +263,6 @@ impl<'l> Scheduler<'l> {
     }
 
     /// Ends the run: commits what was computed, and gives all that the manifest needs.
-
-    /// Ends the run: commits what was computed, and gives all that the manifest needs.
     pub fn finish(mut self) -> Finished {
         let shared = self.shared.clone();
         for (job, node) in shared.graph.jobs.iter().enumerate().filter(|(_, node)| node.is_wanted) {
