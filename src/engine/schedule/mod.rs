@@ -56,7 +56,7 @@ pub struct Settings {
 }
 
 /// After an interrupt, running jobs have so long to end by themselves.
-const PATIENCE: Duration = Duration::from_millis(700);
+const PATIENCE: Duration = Duration::from_millis(450);
 
 /// How often an interrupt is looked for while jobs run.
 const GLANCE: Duration = Duration::from_millis(20);
