@@ -105,7 +105,7 @@ fn an_input_file_counts_by_its_content() {
     assert_eq!(space.ran(&jobs), 0, "touched");
     fs::write(&path, "two").unwrap();
     assert_eq!(space.ran(&jobs), 1);
-    assert_eq!(space.outcomes()["read"].1, "input input.txt changed");
+    assert_eq!(space.outcomes()["read"].1, "file input.txt changed");
     assert_eq!(space.published("read.txt"), "rtwo of read []\n");
     fs::remove_file(&path).unwrap();
     let error = space.try_run(graph(space.folder.path(), &jobs)).unwrap_err();
