@@ -12,4 +12,5 @@ pub mod formats;
 pub mod image;
 pub mod light;
 pub mod math;
+pub mod render;
 pub mod stages;

@@ -2,6 +2,7 @@
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
@@ -56,6 +57,9 @@ pub enum Command {
     Watch(WatchCommand),
     /// Write a small pipeline with comments, to begin with
     Init(InitCommand),
+    /// Look after the store
+    #[command(subcommand)]
+    Store(StoreCommand),
     /// Print the completions of a shell
     Completions(CompletionsCommand),
     /// Print the manual page of the program or of a command
@@ -117,13 +121,16 @@ pub struct PlaceArguments {
     /// Folder of the store [default: .store in the folder of outputs]
     #[arg(long, value_name = "DIR", env = "PIPELINE_STORE")]
     pub store: Option<PathBuf>,
+    /// Use a store even if others may write to it: they decide what is found there
+    #[arg(long, env = "PIPELINE_ALLOW_SHARED_STORE", value_parser = clap::builder::FalseyValueParser::new())]
+    pub allow_shared_store: bool,
 }
 
 impl PlaceArguments {
     /// The folders.
     pub fn places(&self) -> Places {
         let store = self.store.clone().unwrap_or_else(|| self.outputs.join(".store"));
-        Places { outputs: self.outputs.clone(), store }
+        Places { outputs: self.outputs.clone(), store, may_share_store: self.allow_shared_store }
     }
 }
 
@@ -395,6 +402,51 @@ pub struct ManCommand {
     /// Write all pages into this folder instead
     #[arg(long, value_name = "DIR")]
     pub dir: Option<PathBuf>,
+}
+
+/// Arguments of `store`.
+#[derive(Debug, Subcommand)]
+pub enum StoreCommand {
+    /// Show what the store holds
+    Stats(StoreArguments),
+    /// Hash every object, and set aside what is damaged
+    Verify(StoreArguments),
+    /// Remove what is not worth its room; safe beside running pipelines
+    Gc(GcCommand),
+}
+
+/// Which store.
+#[derive(Debug, Args)]
+pub struct StoreArguments {
+    /// Where it is.
+    #[command(flatten)]
+    pub places: PlaceArguments,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `store gc`.
+#[derive(Debug, Args)]
+pub struct GcCommand {
+    /// Which store.
+    #[command(flatten)]
+    pub store: StoreArguments,
+    /// Remove what was not used for longest until so much is left, as 512MiB or 4GiB
+    #[arg(long, value_name = "SIZE", value_parser = super::machine::byte_size)]
+    pub max_size: Option<u64>,
+    /// Remove what was not used for so long, as 90m, 12h, 30d or 8w
+    #[arg(long, value_name = "AGE", value_parser = super::machine::duration)]
+    pub older_than: Option<Duration>,
+    /// Keep what the last N runs of each pipeline below the folder of outputs made or used; alone, remove the rest
+    #[arg(long, value_name = "N")]
+    pub keep_last: Option<usize>,
+    /// Keep what was written or used so lately, since a running pipeline may count on it
+    #[arg(long, value_name = "AGE", default_value = "1h", value_parser = super::machine::duration)]
+    pub grace: Duration,
+    /// Show what would go, and remove nothing
+    #[arg(short = 'n', long)]
+    pub dry_run: bool,
 }
 
 /// `name=value`, the value being anything.

@@ -14,6 +14,7 @@ mod run;
 mod screen;
 mod shell;
 mod signals;
+mod store;
 mod verify;
 mod watch;
 mod which;
@@ -82,6 +83,7 @@ fn execute(arguments: Arguments, screen: &Screen) -> Ending {
         Command::Init(command) => init::init(&command, screen),
         Command::Completions(command) => shell::completions(&command, screen),
         Command::Man(command) => shell::man(&command, screen),
+        Command::Store(command) => store::store(&command, screen),
     }
 }
 

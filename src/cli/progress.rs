@@ -95,6 +95,12 @@ impl Progress {
                 }
                 self.line(job, *outcome, reason, *seconds, (*done, *total));
             }
+            Event::Elsewhere { job, owner } => {
+                self.board.lock().expect(NO_PANIC).running.retain(|running| running.name != *job);
+                if self.talk.verbose && self.painter.is_none() {
+                    self.screen.say(&format!("waits for {}, which {} computes\n", escape(job), escape(owner)));
+                }
+            }
             Event::Published { .. } | Event::Warning { .. } | Event::Ended { .. } => {}
         }
     }

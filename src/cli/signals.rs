@@ -1,6 +1,7 @@
 //! SIGINT and SIGTERM: the first asks the run to end, the second ends the process.
 //!
 //! A thread waits for the signals, which all others leave to it; so nothing ever runs inside a signal handler.
+//! SIGXFSZ, which comes with a write beyond the limit of a file's size, is held back: the write says so too.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
@@ -24,6 +25,8 @@ impl Interrupt {
     pub fn listen() -> Self {
         let interrupt = Self::default();
         let signals: SigSet = [Signal::SIGINT, Signal::SIGTERM].into_iter().collect();
+        // If it cannot be held back, it ends the process as it ends any other.
+        let _ = SigSet::from(Signal::SIGXFSZ).thread_block();
         if signals.thread_block().is_ok() {
             let listener = interrupt.clone();
             let thread = std::thread::Builder::new().name("signals".into()).spawn(move || listener.wait_for(&signals));

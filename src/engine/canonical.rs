@@ -6,7 +6,7 @@
 use serde_json::{Map, Number, Value as Json, json};
 
 use super::coordinate::Scalar;
-use super::schema::{FieldPath, Role, Step, resolved};
+use super::schema::{FieldPath, Role, Step, alternatives, resolved};
 
 /// A field that has no place in the key as it stands.
 pub struct Replaced<'a> {
@@ -50,11 +50,23 @@ fn remove(json: &mut Json, path: &FieldPath) {
     }
 }
 
-/// Removes what is absent or at its default, at any depth of fields.
+/// Removes what is absent or at its default, at any depth of fields, lists and choices.
 fn strip_defaults(root: &Json, schema: &Json, json: &mut Json) {
-    let (Some(properties), Json::Object(fields)) = (resolved(root, schema).get("properties").and_then(Json::as_object), json) else {
-        return;
-    };
+    let schema = resolved(root, schema);
+    if let (Json::Array(items), Some(schema @ Json::Object(_))) = (&mut *json, schema.get("items")) {
+        return items.iter_mut().for_each(|item| strip_defaults(root, schema, item));
+    }
+    if let Some(chosen) = alternatives(root, schema).into_iter().find(|alternative| is_of(alternative, json)) {
+        return strip_defaults(root, chosen, json);
+    }
+    let properties = schema.get("properties").and_then(Json::as_object);
+    let Json::Object(fields) = json else { return };
+    // A map with names of the writer's own has one schema for all its values.
+    let others = schema.get("additionalProperties").filter(|others| others.is_object());
+    if let (None, Some(others)) = (properties, others) {
+        return fields.values_mut().for_each(|value| strip_defaults(root, others, value));
+    }
+    let Some(properties) = properties else { return };
     fields.retain(|name, value| {
         let schema = properties.get(name);
         let default = schema.and_then(|schema| schema.get("default"));
@@ -64,6 +76,20 @@ fn strip_defaults(root: &Json, schema: &Json, json: &mut Json) {
         }
         !is_default
     });
+}
+
+/// Whether a value is of this alternative of a choice: a list, or a map whose one required key says so.
+fn is_of(alternative: &Json, json: &Json) -> bool {
+    match json {
+        Json::Array(_) => alternative.get("items").is_some_and(Json::is_object),
+        Json::Object(fields) => {
+            let Some(properties) = alternative.get("properties").and_then(Json::as_object) else { return false };
+            let required: Vec<&str> =
+                alternative.get("required").and_then(Json::as_array).into_iter().flatten().filter_map(Json::as_str).collect();
+            required.iter().all(|name| fields.contains_key(*name)) && fields.keys().all(|name| properties.contains_key(name))
+        }
+        _ => false,
+    }
 }
 
 /// Whether two values have one canonical form.
@@ -104,6 +130,24 @@ fn one_form(number: Number) -> Json {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn defaults_inside_lists_choices_and_named_entries_do_not_matter() {
+        let shape = json!({ "properties": { "radius": { "default": 1 }, "center": {} } });
+        let choice = json!({ "oneOf": [
+            { "type": "string", "const": "none" },
+            { "type": "object", "properties": { "sphere": shape }, "required": ["sphere"] },
+            { "type": "object", "properties": { "other": {} }, "required": ["other"] },
+        ] });
+        let schema = json!({ "properties": {
+            "list": { "items": choice },
+            "named": { "additionalProperties": choice },
+        } });
+        let sphere = json!({ "sphere": { "radius": 1.0, "center": 2 } });
+        let parameters = json!({ "list": [sphere, "none", { "other": { "radius": 1 } }], "named": { "a": sphere } });
+        let found = canonical(&schema, parameters, &[]).to_string();
+        assert_eq!(found, r#"{"list":[{"sphere":{"center":2}},"none",{"other":{"radius":1}}],"named":{"a":{"sphere":{"center":2}}}}"#);
+    }
 
     #[test]
     fn defaults_ports_and_the_form_of_numbers_do_not_matter() {

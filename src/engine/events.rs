@@ -28,6 +28,13 @@ pub enum Event {
         #[serde(skip)]
         progress: Arc<AtomicU32>,
     },
+    /// A job is left to another run, which computes it already.
+    Elsewhere {
+        /// `stage[axis=value,…]`.
+        job: String,
+        /// The other run's process.
+        owner: String,
+    },
     /// A job has its result, or will not have one.
     Finished {
         /// `stage[axis=value,…]`.

@@ -38,8 +38,6 @@ pub struct PlannedJob {
 pub struct Plan {
     /// By index of the graph's jobs; `None` where this run does not want the job.
     pub jobs: Vec<Option<PlannedJob>>,
-    /// What the store said while it was asked.
-    pub warnings: Vec<String>,
 }
 
 /// An input file that cannot be read.
@@ -60,11 +58,11 @@ pub struct InputError {
 pub fn plan(graph: &Graph, library: &Library, index: &Index, signatures: &mut Signatures) -> Result<Plan, Vec<InputError>> {
     let files = input_digests(graph, signatures)?;
     let has_results = library.has_results();
-    let mut plan = Plan { jobs: Vec::with_capacity(graph.jobs.len()), warnings: Vec::new() };
+    let mut plan = Plan { jobs: Vec::with_capacity(graph.jobs.len()) };
     for job in &graph.jobs {
         let planned = job.is_wanted.then(|| {
             let digests = job.files.iter().map(|(_, path)| files[path]).collect();
-            planned_job(graph, job, digests, &plan.jobs, |key| lookup(library, has_results, key, &mut plan.warnings), index)
+            planned_job(graph, job, digests, &plan.jobs, |key| if has_results { library.result(key) } else { Err(Lost::Missing) }, index)
         });
         plan.jobs.push(planned);
     }
@@ -102,18 +100,6 @@ fn planned_job(
         Some(Ok(_)) | Some(Err(Lost::Missing)) => unknown,
         Some(Err(lost @ Lost::Damaged(_))) => PlannedJob { reason: lost.reason(), ..unknown },
     }
-}
-
-/// Asks the store, and notes damage.
-fn lookup(library: &Library, has_results: bool, key: &Digest, warnings: &mut Vec<String>) -> Result<ResultRecord, Lost> {
-    if !has_results {
-        return Err(Lost::Missing);
-    }
-    library.result(key).inspect_err(|lost| {
-        if let Lost::Damaged(what) = lost {
-            warnings.push(format!("the store was damaged and is repaired: {what}"));
-        }
-    })
 }
 
 /// Whether a record has the results that the kind declares; another program may have written it.

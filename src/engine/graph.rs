@@ -73,6 +73,8 @@ pub struct JobNode {
     /// What enters the key: no ports, no fields at their default, no seed where it does not draw, files by
     /// their field name only (their digest is added when it is known). Object keys sorted.
     pub canonical: Json,
+    /// What would enter the keys of those jobs from whose results this one can go on, the best first.
+    pub prefixes: Vec<Json>,
     /// What the manifest shows: like `canonical`, with files as paths relative to the pipeline's folder.
     pub shown: Json,
     /// What stands on each port.

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 
-use super::artifact::AnyArtifact;
+use super::artifact::{AnyArtifact, Artifact};
 use super::coordinate::Scalar;
 use super::parameter::{Accepts, InputFile, Port, Ports, Seed};
 use super::stage::StageError;
@@ -44,8 +44,10 @@ pub trait FileSource: Send + Sync {
 pub struct Job<'a> {
     inputs: BTreeMap<String, Vec<Input>>,
     files: &'a dyn FileSource,
+    earlier: Vec<AnyArtifact>,
     seed: u64,
     interrupted: &'a AtomicBool,
+    withdrawn: Option<&'a AtomicBool>,
     progress: Arc<AtomicU32>,
     warnings: Mutex<Vec<String>>,
 }
@@ -55,13 +57,33 @@ impl<'a> Job<'a> {
     ///
     /// `seed` is the pipeline's, for stages that set none.
     pub fn new(inputs: BTreeMap<String, Vec<Input>>, files: &'a dyn FileSource, seed: u64, interrupted: &'a AtomicBool) -> Self {
-        Self { inputs, files, seed, interrupted, progress: Arc::default(), warnings: Mutex::default() }
+        let earlier = Vec::new();
+        Self { inputs, files, earlier, seed, interrupted, withdrawn: None, progress: Arc::default(), warnings: Mutex::default() }
     }
 
     /// The same job, saying how far it is through a handle that a display looks at.
     #[must_use]
     pub fn with_progress(mut self, progress: Arc<AtomicU32>) -> Self {
         self.progress = progress;
+        self
+    }
+
+    /// The same job with the results of one that it can go on from.
+    #[must_use]
+    pub fn with_earlier(mut self, earlier: Vec<AnyArtifact>) -> Self {
+        self.earlier = earlier;
+        self
+    }
+
+    /// A result to go on from, if the store has one of the kind's `prefixes`: the first of that type.
+    pub fn earlier<T: Artifact>(&self) -> Option<Arc<T>> {
+        self.earlier.iter().find_map(|artifact| artifact.clone().get())
+    }
+
+    /// The same job, to stop also when this is set: another run computes it already.
+    #[must_use]
+    pub fn with_withdrawal(mut self, withdrawn: &'a AtomicBool) -> Self {
+        self.withdrawn = Some(withdrawn);
         self
     }
 
@@ -102,9 +124,10 @@ impl<'a> Job<'a> {
         seed.0.unwrap_or(self.seed)
     }
 
-    /// Asked at least every 50 ms: an error once the run is to stop.
+    /// Asked at least every 50 ms: an error once the run, or this job, is to stop.
     pub fn check(&self) -> Result<(), StageError> {
-        if self.interrupted.load(Ordering::Relaxed) { Err(StageError::Interrupted) } else { Ok(()) }
+        let is_set = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
+        if is_set(self.interrupted) || self.withdrawn.is_some_and(is_set) { Err(StageError::Interrupted) } else { Ok(()) }
     }
 
     /// Says how far the job is, from 0 to 1.

@@ -69,23 +69,35 @@ impl Fields {
 ///
 /// `files` are the digests of its input files in the order of [`JobNode::files`].
 pub fn key(graph: &Graph, job: &JobNode, files: &[Digest], content: impl Fn(&InputNode) -> Digest) -> Digest {
-    of_job("pipeline key 1", graph, job, files, |fields, item| fields.digest(&content(item)))
+    of_job("pipeline key 1", graph, job, &job.canonical, files, |fields, item| fields.digest(&content(item)))
+}
+
+/// Key of the job that differs from this one by its parameters alone; they are one of [`JobNode::prefixes`].
+pub fn key_of_prefix(graph: &Graph, job: &JobNode, prefix: &Json, files: &[Digest], content: impl Fn(&InputNode) -> Digest) -> Digest {
+    of_job("pipeline key 1", graph, job, prefix, files, |fields, item| fields.digest(&content(item)))
 }
 
 /// Recipe of a job: `recipe` gives that of an earlier job by its index.
 pub fn recipe(graph: &Graph, job: &JobNode, files: &[Digest], recipe: impl Fn(usize) -> Digest) -> Digest {
-    of_job("pipeline recipe 1", graph, job, files, |fields, item| {
+    of_job("pipeline recipe 1", graph, job, &job.canonical, files, |fields, item| {
         fields.digest(&recipe(item.job));
         fields.number(item.result as u64);
     })
 }
 
-fn of_job(purpose: &str, graph: &Graph, job: &JobNode, files: &[Digest], mut input: impl FnMut(&mut Fields, &InputNode)) -> Digest {
+fn of_job(
+    purpose: &str,
+    graph: &Graph,
+    job: &JobNode,
+    canonical: &Json,
+    files: &[Digest],
+    mut input: impl FnMut(&mut Fields, &InputNode),
+) -> Digest {
     let stage = &graph.stages[job.stage];
     let mut fields = Fields::new(purpose);
     fields.text(stage.kind);
     fields.number(u64::from(stage.version));
-    fields.text(&canonical_text(&job.canonical));
+    fields.text(&canonical_text(canonical));
     fields.text(&format!("{:?}", job.seed));
 
     // Users may have decided between the types a kind can give (`load`): that is part of what is computed.

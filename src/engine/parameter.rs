@@ -1,6 +1,6 @@
-//! Parameter types with a meaning to the engine: ports, input files, seeds.
+//! Parameter types with a meaning to the engine: ports, input files, sections, seeds.
 //!
-//! Each marks itself in the JSON Schema of its kind (`x-port`, `x-file`, `x-seed`), and the engine finds
+//! Each marks itself in the JSON Schema of its kind (`x-port`, `x-file`, `x-section`, `x-seed`), and the engine finds
 //! them there; so a kind's struct is the only place where they are declared.
 
 use std::borrow::Cow;
@@ -171,6 +171,27 @@ impl JsonSchema for InputFile {
 
     fn json_schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({ "type": "string", "minLength": 1, "x-file": true })
+    }
+}
+
+/// Part of the parameters that may stand in a file of its own: where the path of a YAML file is written, the file's
+/// content is put in, with its own lines in messages and its own folder for paths. Parameters may be used in it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Section<T>(pub T);
+
+impl<T: JsonSchema> JsonSchema for Section<T> {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> Cow<'static, str> {
+        format!("Section<{}>", T::schema_name()).into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let inside = generator.subschema_for::<T>();
+        json_schema!({ "anyOf": [inside, { "type": "string", "minLength": 1 }], "x-section": true })
     }
 }
 

@@ -12,6 +12,7 @@ use rustix::fs::{AtFlags, CWD, Mode, OFlags};
 use rustix::io::Errno;
 
 use super::digest::{Digest, HashingWriter};
+use super::files::{PlainFile, faults};
 use super::signature::Signature;
 use super::system::{SystemError, remove_leftovers, temporary_name};
 
@@ -50,6 +51,7 @@ impl OutputFolder {
     pub fn open(&self, path: &str) -> Option<(Metadata, File)> {
         let (folders, name) = self.split(path);
         let folder = self.existing_folder(&folders).ok()?;
+        faults::point(&self.root).ok()?;
         let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let file = File::from(rustix::fs::openat(&folder, name, flags, Mode::empty()).ok()?);
         let status = file.metadata().ok()?;
@@ -72,8 +74,9 @@ impl OutputFolder {
         let create = || {
             let folder = self.folder(&[TEMPORARY])?;
             let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::EXCL | OFlags::CLOEXEC;
+            faults::point(&path)?;
             let file = rustix::fs::openat(&folder, name.as_str(), flags, Mode::from_raw_mode(0o666))?;
-            io::Result::Ok((folder, File::from(file)))
+            io::Result::Ok((folder, PlainFile::of(File::from(file), path.clone())))
         };
         let (folder, file) = again_if_gone(create).map_err(SystemError::at("create", &path))?;
         Ok(OutputDraft { outputs: self, folder, name, is_kept: false, file: HashingWriter::new(file) })
@@ -91,6 +94,7 @@ impl OutputFolder {
         let (folders, name) = self.split(path);
         let make = || {
             let folder = self.folder(&folders)?;
+            faults::point(&self.root)?;
             match rustix::fs::mkdirat(&folder, name, Mode::from_raw_mode(0o777)) {
                 Err(Errno::EXIST) => Ok(false),
                 made => Ok(made.map(|()| true)?),
@@ -104,6 +108,7 @@ impl OutputFolder {
         let (folders, name) = self.split(path);
         let remove = || {
             let folder = self.existing_folder(&folders)?;
+            faults::point(&self.root)?;
             Ok(rustix::fs::unlinkat(&folder, name, AtFlags::empty())?)
         };
         remove().map_err(SystemError::at("remove", self.path().join(path)))?;
@@ -131,6 +136,7 @@ impl OutputFolder {
     fn folder(&self, parts: &[&str]) -> io::Result<OwnedFd> {
         self.walk(parts, |folder, part| match open_folder(folder, part) {
             Err(Errno::NOENT) => {
+                faults::point(&self.root)?;
                 match rustix::fs::mkdirat(folder, part, Mode::from_raw_mode(0o777)) {
                     // Another run was faster.
                     Ok(()) | Err(Errno::EXIST) => {}
@@ -144,12 +150,14 @@ impl OutputFolder {
 
     fn walk(&self, parts: &[&str], step: impl Fn(&OwnedFd, &str) -> io::Result<OwnedFd>) -> io::Result<OwnedFd> {
         // The root itself may be a link: where outputs go is the user's choice.
+        faults::point(&self.root)?;
         let root = rustix::fs::openat(CWD, &self.root, OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty())?;
         parts.iter().try_fold(root, |folder, part| {
             // Paths come from a manifest too, which anyone may have edited.
             if part.is_empty() || *part == "." || *part == ".." {
                 return Err(io::Error::new(io::ErrorKind::InvalidInput, "the path leaves the folder of outputs"));
             }
+            faults::point(&self.root)?;
             step(&folder, part)
         })
     }
@@ -176,7 +184,7 @@ pub struct OutputDraft<'a> {
     outputs: &'a OutputFolder,
     folder: OwnedFd,
     name: String,
-    file: HashingWriter<File>,
+    file: HashingWriter<PlainFile>,
     is_kept: bool,
 }
 
@@ -196,6 +204,7 @@ impl OutputDraft<'_> {
         let (folders, name) = self.outputs.split(path);
         let rename = || {
             let target = self.outputs.folder(&folders)?;
+            faults::point(&self.outputs.root)?;
             Ok(rustix::fs::renameat(&self.folder, self.name.as_str(), &target, name)?)
         };
         again_if_gone(rename).map_err(SystemError::at("write", self.outputs.path().join(path)))?;

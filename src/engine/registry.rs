@@ -43,10 +43,15 @@ pub struct ParseError {
     pub message: String,
 }
 
+/// Choices with parameters of their own are maps of one key (`{ sphere: {...} }`), where serde_yaml alone wants tags.
 fn parse<T: Stage>(parameters: serde_yaml::Value) -> Result<Box<dyn AnyStage>, ParseError> {
-    serde_path_to_error::deserialize::<_, T>(parameters)
-        .map(|stage| Box::new(stage) as Box<dyn AnyStage>)
-        .map_err(|error| ParseError { path: error.path().to_string(), message: error.inner().to_string() })
+    let mut track = serde_path_to_error::Track::new();
+    let deserializer = serde_path_to_error::Deserializer::new(parameters, &mut track);
+    let parsed: Result<T, serde_yaml::Error> = serde_yaml::with::singleton_map_recursive::deserialize(deserializer);
+    match parsed {
+        Ok(stage) => Ok(Box::new(stage)),
+        Err(error) => Err(ParseError { path: track.path().to_string(), message: error.to_string() }),
+    }
 }
 
 /// All kinds and all artifact types of a program.

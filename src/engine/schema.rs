@@ -495,6 +495,7 @@ impl<'s> Walker<'_, 's> {
                 (None, _) => {}
             }
         }
+        self.one_of(schema, entries, node, path);
         let required = schema.get("required").and_then(Json::as_array).into_iter().flatten().filter_map(Json::as_str);
         for name in required.filter(|name| !entries.iter().any(|entry| &*entry.key == *name)) {
             let field = path.with(Step::Field(name.to_owned()));
@@ -502,6 +503,24 @@ impl<'s> Walker<'_, 's> {
             let hint = about.map(|about| format!("`{name}`: {about}"));
             let message = format!("required parameter `{field}` of `{}` is missing", self.rules.kind);
             self.checked.issues.push(Issue { place: node.place, message, hint });
+        }
+    }
+
+    /// `x-one-of`: a map that says its kind by one of these keys, beside others that all kinds have.
+    fn one_of(&mut self, schema: &Json, entries: &[Entry], node: &Node, path: &FieldPath) {
+        let Some(kinds) = schema.get("x-one-of").and_then(Json::as_array) else { return };
+        let kinds: Vec<&str> = kinds.iter().filter_map(Json::as_str).collect();
+        let mut named = entries.iter().filter(|entry| kinds.contains(&&*entry.key));
+        match (named.next(), named.next()) {
+            (Some(_), None) => {}
+            (Some(first), Some(second)) => {
+                let message = format!("{} has two kinds, {} and {}", self.named(path), quoted(&first.key), quoted(&second.key));
+                let hint = Some("give each an entry of its own".to_owned());
+                self.checked.issues.push(Issue { place: second.place, message, hint });
+            }
+            // An unknown key was reported, and is what the kind was meant to be.
+            (None, _) if entries.iter().any(|entry| !properties(schema).contains_key(&*entry.key)) => {}
+            (None, _) => self.issue(node, path, format!("must name one of {}", quoted_list(&kinds)), None),
         }
     }
 

@@ -124,27 +124,26 @@ pub struct SourceText {
     pub folder: PathBuf,
     /// The text, without a byte-order mark.
     pub text: String,
+    /// Whether it is a file and not an argument of the command line.
+    is_file: bool,
 }
 
 /// All texts, in the order in which they were read.
 #[derive(Debug, Default)]
 pub struct Sources {
     texts: Vec<SourceText>,
-    file_count: usize,
 }
 
 impl Sources {
-    /// Adds a file; files come before arguments.
+    /// Adds a file.
     pub fn add_file(&mut self, path: &Path, text: String) -> u32 {
-        debug_assert_eq!(self.file_count, self.texts.len(), "files are read before arguments");
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        self.file_count += 1;
-        self.add(SourceText { shown: path.display().to_string(), folder, text })
+        self.add(SourceText { shown: path.display().to_string(), folder, text, is_file: true })
     }
 
     /// Adds an argument of the command line; `flag` stands before it in messages.
     pub fn add_argument(&mut self, flag: &str, text: &str) -> u32 {
-        self.add(SourceText { shown: format!("{flag} {text}"), folder: PathBuf::new(), text: String::new() })
+        self.add(SourceText { shown: format!("{flag} {text}"), folder: PathBuf::new(), text: String::new(), is_file: false })
     }
 
     fn add(&mut self, source: SourceText) -> u32 {
@@ -163,13 +162,13 @@ impl Sources {
     }
 
     /// The files, without the arguments.
-    pub fn files(&self) -> &[SourceText] {
-        &self.texts[..self.file_count]
+    pub fn files(&self) -> impl Iterator<Item = &SourceText> {
+        self.texts.iter().filter(|source| source.is_file)
     }
 
     /// Whether it is a file and not an argument.
     pub fn is_file(&self, file: u32) -> bool {
-        (file as usize) < self.file_count
+        self.texts.get(file as usize).is_some_and(|source| source.is_file)
     }
 
     /// The findings in the order of the text, with their excerpts: errors and warnings.

@@ -26,7 +26,8 @@ pub struct ResultDeclaration {
 /// Types of what each single port of a stage takes in, by port name; absent ports are absent.
 pub type InputTypes = BTreeMap<String, TypeName>;
 
-/// Bytes that the inputs of a job hold in memory, by port name, summed over a collecting port.
+/// Bytes that the inputs of a job hold in memory, by port name, summed over a collecting port; and those of its input
+/// files, by the name of their parameter.
 pub type InputSizes = BTreeMap<String, u64>;
 
 /// A mistake that only the whole parameter block shows (`gamma` together with `agx`).
@@ -82,6 +83,13 @@ pub trait Stage: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stat
     /// Bytes needed at the peak beside the inputs.
     fn memory(&self, inputs: &InputSizes) -> u64 {
         inputs.values().sum()
+    }
+
+    /// Parameters whose results this job can go on from, the best first; inputs, files and seed are the same.
+    ///
+    /// If the store has one of them, `run` finds it by [`Job::earlier`]. Its own results must be the same bytes either way.
+    fn prefixes(&self) -> Vec<Self> {
+        Vec::new()
     }
 
     /// Computes the results; a function of the parameters, the inputs and the seed alone.
@@ -166,6 +174,8 @@ pub trait AnyStage: Send + Sync {
     fn axes_used(&self) -> Option<Vec<String>>;
     /// See [`Stage::memory`].
     fn memory(&self, inputs: &InputSizes) -> u64;
+    /// See [`Stage::prefixes`]; parameter blocks as JSON.
+    fn prefixes(&self) -> Vec<Json>;
     /// See [`Stage::run`].
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError>;
 }
@@ -201,6 +211,10 @@ impl<T: Stage> AnyStage for T {
 
     fn memory(&self, inputs: &InputSizes) -> u64 {
         Stage::memory(self, inputs)
+    }
+
+    fn prefixes(&self) -> Vec<Json> {
+        Stage::prefixes(self).iter().map(AnyStage::parameters).collect()
     }
 
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {

@@ -4,9 +4,11 @@ use std::fmt;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
+
+use super::files;
+use super::owner::Owner;
 
 /// The operating system failed us: disk, permission, a folder that is no folder.
 #[derive(Debug, thiserror::Error)]
@@ -48,75 +50,23 @@ pub fn temporary_name() -> String {
     format!("{}-{}", Owner::this_process(), COUNTER.fetch_add(1, Ordering::Relaxed))
 }
 
-/// A process, named so that neither a reused process id nor another boot is taken for it.
-struct Owner {
-    boot: String,
-    process: u32,
-    started: u64,
-}
-
-impl fmt::Display for Owner {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(out, "{}-{}-{}", self.boot, self.process, self.started)
-    }
-}
-
-impl Owner {
-    fn this_process() -> &'static Owner {
-        static THIS: OnceLock<Owner> = OnceLock::new();
-        THIS.get_or_init(|| {
-            let process = std::process::id();
-            Owner { boot: boot_name(), process, started: start_time(process).unwrap_or(0) }
-        })
-    }
-
-    fn of_name(name: &str) -> Option<Owner> {
-        let mut parts = name.split('-');
-        let boot = parts.next()?.to_owned();
-        Some(Owner { boot, process: parts.next()?.parse().ok()?, started: parts.next()?.parse().ok()? })
-    }
-
-    fn is_of_this_boot(&self) -> bool {
-        self.boot == Self::this_process().boot
-    }
-
-    fn is_alive(&self) -> bool {
-        start_time(self.process).is_some_and(|started| started == self.started)
-    }
-}
-
-/// Eight digits of the id that the kernel draws when it starts; the same for all processes of one boot.
-fn boot_name() -> String {
-    let text = fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
-    let digits: String = text.chars().filter(char::is_ascii_hexdigit).take(8).collect();
-    if digits.is_empty() { "unknown".into() } else { digits }
-}
-
-/// When a process started, in ticks since the boot; `None` if there is none.
-fn start_time(process: u32) -> Option<u64> {
-    let text = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
-    // The second field is the program's name in parentheses and may hold anything; the 22nd is the start time.
-    text.rsplit_once(')')?.1.split_whitespace().nth(19)?.parse().ok()
-}
-
 /// A temporary file of another machine or boot is taken for a leftover when nothing wrote to it for so long.
 const FOREIGN_AGE: Duration = Duration::from_secs(24 * 3600);
 
 /// Removes what dead processes left in a folder of temporary files.
 pub fn remove_leftovers(folder: &Path) {
-    let Ok(entries) = fs::read_dir(folder) else { return };
+    let Ok(entries) = files::list(folder) else { return };
     for entry in entries.flatten() {
         if is_leftover(&entry) {
             // Another run may be tidying too: whoever comes second finds nothing, which is right.
-            let _ = fs::remove_file(entry.path());
+            let _ = files::remove(&entry.path());
         }
     }
 }
 
 fn is_leftover(entry: &fs::DirEntry) -> bool {
-    let owner = entry.file_name().to_str().and_then(Owner::of_name);
-    match owner {
-        Some(owner) if owner.is_of_this_boot() => !owner.is_alive(),
+    match entry.file_name().to_str().and_then(Owner::parse) {
+        Some((owner, _)) if owner.is_in_sight() => !owner.is_alive(),
         _ => entry.metadata().is_ok_and(|status| is_older(&status, FOREIGN_AGE)),
     }
 }
@@ -134,8 +84,8 @@ mod tests {
     fn names_are_unique_and_their_owner_is_alive() {
         let name = temporary_name();
         assert_ne!(name, temporary_name());
-        let owner = Owner::of_name(&name).unwrap();
-        assert!(owner.is_of_this_boot() && owner.is_alive());
+        let (owner, _) = Owner::parse(&name).unwrap();
+        assert!(owner.is_in_sight() && owner.is_alive());
     }
 
     #[test]
@@ -143,7 +93,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mine = folder.path().join(temporary_name());
         // No process of this machine has started at tick 1 under our own id.
-        let dead = folder.path().join(format!("{}-{}-1-0", boot_name(), std::process::id()));
+        let this = Owner::this_process().to_string();
+        let dead = folder.path().join(format!("{}-1-0", this.rsplit_once('-').unwrap().0));
         let foreign = folder.path().join("0badb007-17-5-0");
         for path in [&mine, &dead, &foreign] {
             fs::write(path, "").unwrap();

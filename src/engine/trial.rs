@@ -72,6 +72,8 @@ pub enum Mood {
     Panics,
     /// Ends only when the run is interrupted, and interrupts it itself.
     Waits,
+    /// Takes a fifth of a second.
+    Slow,
     /// Wants a terabyte.
     Greedy,
 }
@@ -122,6 +124,7 @@ impl Stage for Trial {
         }
         match self.mood {
             Mood::Fine | Mood::Greedy => {}
+            Mood::Slow => wait_a_while(job)?,
             Mood::Fails => return Err(StageError::content_with_hint("the text is bad", "write a better one")),
             Mood::Panics => panic!("out of luck"),
             Mood::Waits => loop {
@@ -135,6 +138,15 @@ impl Stage for Trial {
         text.truncate(self.keep);
         Ok(Text(text))
     }
+}
+
+fn wait_a_while(job: &Job<'_>) -> Result<(), StageError> {
+    let begun = std::time::Instant::now();
+    while begun.elapsed() < std::time::Duration::from_millis(200) {
+        job.check()?;
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    Ok(())
 }
 
 /// A stage of a trial graph at one coordinate.
@@ -265,6 +277,7 @@ fn job_node(trial: &TrialJob, stage: usize, jobs: &[TrialJob]) -> JobNode {
         parameters: Box::new(parameters),
         shown: canonical.clone(),
         canonical,
+        prefixes: Vec::new(),
         inputs,
         files,
         seed: None,
@@ -294,10 +307,14 @@ impl Space {
     }
 
     pub fn places(&self) -> Places {
-        Places { outputs: self.path("outputs"), store: self.path("store") }
+        Places { outputs: self.path("outputs"), store: self.path("store"), may_share_store: false }
     }
 
     pub fn try_run(&self, graph: Graph) -> Result<Summary, RunError> {
+        self.run_in(&self.places(), graph)
+    }
+
+    pub fn run_in(&self, places: &Places, graph: Graph) -> Result<Summary, RunError> {
         let settings = Settings {
             threads: NonZeroUsize::new(self.threads).unwrap(),
             memory: self.memory,
@@ -305,7 +322,7 @@ impl Space {
             start_pool: |_| {},
         };
         let registry = Registry::default().with::<Trial>().with_artifact::<Text>();
-        run::run(graph, &registry, &self.places(), settings, self.interrupted.clone(), &mut Silence)
+        run::run(graph, &registry, places, settings, self.interrupted.clone(), &mut Silence)
     }
 
     pub fn run_graph(&self, graph: Graph) -> Summary {

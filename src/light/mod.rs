@@ -15,4 +15,4 @@ pub mod sampling;
 pub mod summed_area;
 pub mod synthesis;
 #[cfg(test)]
-mod test_maps;
+pub(crate) mod test_maps;

@@ -8,3 +8,4 @@ pub mod single;
 pub mod sphere;
 pub mod statistics;
 pub mod stream;
+pub mod turn;

@@ -24,6 +24,8 @@ pub enum Purpose {
     Synthesis = 4,
     /// Samples that each pixel draws for itself.
     PixelSampling = 5,
+    /// Paths of the renderer.
+    Rendering = 6,
     /// Data made by tests and benchmarks.
     Test = 1000,
 }

@@ -1,4 +1,4 @@
-//! `load`: a file, or a synthetic map by name, as a map or an image.
+//! `load`: a file, or a synthetic map by name, as a map, an image or a mesh.
 //!
 //! Values first (`apply_scale`, `sanitize`, `clamp`, `exposure_stops`), then geometry (`flip`,
 //! `rotate_degrees`, `resize`). Knows no format; see `formats`.
@@ -22,14 +22,18 @@ use crate::image::raster::{Image, Layer, Plane, Raster};
 use crate::light::envmap::{Angles, EnvMap};
 use crate::light::synthesis::{self, Synthetic};
 use crate::math::elementary;
+use crate::render::mesh::{self, Mesh};
+use crate::render::shape::generated;
 
-/// Reads an environment map or an image: PFM, Radiance HDR, OpenEXR, NPY, and for images PNG and PPM.
+/// Reads an environment map or an image: PFM, Radiance HDR, OpenEXR, NPY, and for images PNG and PPM; or a mesh: OBJ,
+/// PLY, glTF, GLB.
 ///
 /// The format is told from the content. Non-finite and negative pixels are counted and reported.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Load {
-    /// The file, relative to the pipeline file; or `synthetic:NAME` for a map of the kind `synthesize`.
+    /// The file, relative to the pipeline file; or `synthetic:NAME` for a map of the kind `synthesize` or a generated mesh
+    /// (`blob`, `knot`, `icosphere`, `uv-sphere`, `torus`) with default parameters.
     pub path: InputFile,
     /// What the file is read as; by default what the stages that use it ask for, else a map.
     #[serde(default)]
@@ -65,6 +69,13 @@ pub struct Load {
     /// Multiplies by the unit factor that a PFM header gives (the absolute value of its scale), which few writers mean.
     #[serde(default)]
     pub apply_scale: bool,
+    /// Files in which a glTF file keeps its numbers, found by their names. A GLB and data URIs need none.
+    #[serde(default)]
+    pub buffers: Vec<InputFile>,
+    /// Scales and moves a mesh so that its longest side has this length and it stands on y = 0 about the y axis.
+    #[serde(default)]
+    #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0))]
+    pub fit: Option<f64>,
 }
 
 /// What a file can be read as.
@@ -75,6 +86,8 @@ pub enum LoadAs {
     Envmap,
     /// An image with its alpha and layers; a picture for displays is made linear by the sRGB curve.
     Image,
+    /// Triangles with the normals and texture coordinates of the file; options of pixels do not apply.
+    Mesh,
 }
 
 /// How pixels are mirrored.
@@ -186,19 +199,24 @@ impl JsonSchema for Resize {
 impl Stage for Load {
     const KIND: &'static str = "load";
     const VERSION: u32 = 1;
-    const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &[EnvMap::TYPE, Image::TYPE] }];
+    const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &[EnvMap::TYPE, Image::TYPE, Mesh::TYPE] }];
     type Output = Vec<AnyArtifact>;
 
     fn result_types(&self, _: &InputTypes) -> Vec<Vec<TypeName>> {
         vec![match self.r#as {
             Some(LoadAs::Envmap) => vec![EnvMap::TYPE],
             Some(LoadAs::Image) => vec![Image::TYPE],
-            None => vec![EnvMap::TYPE, Image::TYPE],
+            Some(LoadAs::Mesh) => vec![Mesh::TYPE],
+            None => vec![EnvMap::TYPE, Image::TYPE, Mesh::TYPE],
         }]
     }
 
     fn decide_type(&mut self, type_name: TypeName) {
-        self.r#as = Some(if type_name == Image::TYPE { LoadAs::Image } else { LoadAs::Envmap });
+        self.r#as = Some(match type_name {
+            _ if type_name == Image::TYPE => LoadAs::Image,
+            _ if type_name == Mesh::TYPE => LoadAs::Mesh,
+            _ => LoadAs::Envmap,
+        });
     }
 
     fn mistakes(&self) -> Vec<Mistake> {
@@ -208,20 +226,19 @@ impl Stage for Load {
             let message = limits.checked("resize", resize.width.into(), height.into()).err()?.to_string();
             Some(Mistake { field: "resize".into(), message, hint: None })
         });
-        let of_map = |field: &str| Mistake {
-            field: field.into(),
-            message: format!("`{field}` is for maps, and this is read as an image"),
-            hint: Some("leave it out, or set `as: envmap`".into()),
+        let (own, other) = match self.r#as {
+            Some(LoadAs::Image) => ("an image", "as: envmap"),
+            Some(LoadAs::Mesh) => ("a mesh", "as: envmap"),
+            _ => ("a map", "as: mesh"),
         };
-        let is_image = self.r#as == Some(LoadAs::Image);
-        let rotate = (is_image && self.rotate_degrees != 0.0).then(|| of_map("rotate_degrees"));
-        let angles = (is_image && self.angles != Angles::Center).then(|| of_map("angles"));
-        let unknown = self.synthetic_name().filter(|name| !synthesis::NAMES.contains(name)).map(|name| Mistake {
-            field: "path".into(),
-            message: unknown_map(name),
-            hint: Some(known_maps(name)),
-        });
-        [unknown, resize, rotate, angles].into_iter().flatten().collect()
+        let foreign = |field: &str| Mistake {
+            field: field.into(),
+            message: format!("`{field}` means nothing here, since the file is read as {own}"),
+            hint: Some(format!("leave it out, or set `{other}`")),
+        };
+        let set_for_others = self.set_for_others();
+        let unknown = self.unknown_name().map(|(message, hint)| Mistake { field: "path".into(), message, hint: Some(hint) });
+        [unknown, resize].into_iter().flatten().chain(set_for_others.into_iter().map(foreign)).collect()
     }
 
     fn caveats(&self) -> Vec<String> {
@@ -234,12 +251,16 @@ impl Stage for Load {
         [clamp, angles].into_iter().flatten().collect()
     }
 
-    fn memory(&self, _: &InputSizes) -> u64 {
+    fn memory(&self, inputs: &InputSizes) -> u64 {
         let pixels = self.resize.map_or(0, |resize| u64::from(resize.width) * u64::from(resize.height.unwrap_or(resize.width / 2)));
-        12 * pixels
+        // Beside the file's bytes stand its pixels, which take at least as much.
+        12 * pixels + inputs.values().sum::<u64>()
     }
 
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {
+        if self.r#as == Some(LoadAs::Mesh) {
+            return Ok(vec![AnyArtifact::new(self.read_mesh(job)?)]);
+        }
         let mut image = match self.synthetic_name() {
             Some(name) => Image::opaque(synthesized(name, job)?.raster),
             None => self.read_file(job)?,
@@ -259,6 +280,56 @@ impl Stage for Load {
 impl Load {
     fn synthetic_name(&self) -> Option<&str> {
         self.path.0.to_str()?.strip_prefix("synthetic:")
+    }
+
+    /// Fields that were set and mean nothing to what the file is read as.
+    fn set_for_others(&self) -> Vec<&'static str> {
+        let of_maps = [("rotate_degrees", self.rotate_degrees != 0.0), ("angles", self.angles != Angles::Center)];
+        let of_pixels = [
+            ("clamp", self.clamp.is_some()),
+            ("flip", self.flip != Flip::None),
+            ("resize", self.resize.is_some()),
+            ("exposure_stops", self.exposure_stops != 0.0),
+            ("sanitize", self.sanitize != Sanitize::Keep),
+            ("apply_scale", self.apply_scale),
+        ];
+        let of_meshes = [("buffers", !self.buffers.is_empty()), ("fit", self.fit.is_some())];
+        let fields = match self.r#as {
+            Some(LoadAs::Mesh) => [of_maps.as_slice(), &of_pixels].concat(),
+            Some(LoadAs::Image) => [of_maps.as_slice(), &of_meshes].concat(),
+            Some(LoadAs::Envmap) => of_meshes.to_vec(),
+            None => Vec::new(),
+        };
+        fields.into_iter().filter(|(_, is_set)| *is_set).map(|(field, _)| field).collect()
+    }
+
+    /// What is wrong with the name of something synthetic, and what to write instead.
+    fn unknown_name(&self) -> Option<(String, String)> {
+        let name = self.synthetic_name()?;
+        if self.r#as == Some(LoadAs::Mesh) {
+            return (!generated::NAMES.contains(&name)).then(|| (unknown("mesh", name), known("meshes", name, &generated::NAMES)));
+        }
+        let is_known = synthesis::NAMES.contains(&name) || self.r#as.is_none() && generated::NAMES.contains(&name);
+        (!is_known).then(|| (unknown("map", name), known("maps", name, &synthesis::NAMES)))
+    }
+
+    fn read_mesh(&self, job: &Job<'_>) -> Result<Mesh, StageError> {
+        let mesh = match self.synthetic_name() {
+            Some(name) => generated::named(name).ok_or_else(|| StageError::content(unknown("mesh", name)))?.map_err(StageError::content)?,
+            None => self.read_mesh_file(job)?,
+        };
+        match self.fit {
+            Some(length) => mesh.standing(length).map_err(StageError::content),
+            None => Ok(mesh),
+        }
+    }
+
+    fn read_mesh_file(&self, job: &Job<'_>) -> Result<Mesh, StageError> {
+        let buffers = self.buffers.iter().map(|file| Ok((file, job.read(file)?))).collect::<Result<Vec<_>, StageError>>()?;
+        let named = |path: &str| buffers.iter().find(|(file, _)| file.0.ends_with(path)).map(|(_, bytes)| bytes.clone());
+        let (mesh, warnings) = mesh::read::read(&job.read(&self.path)?, &named).map_err(StageError::content)?;
+        warnings.into_iter().for_each(|warning| job.warn(warning));
+        Ok(mesh)
     }
 
     fn read_file(&self, job: &Job<'_>) -> Result<Image, StageError> {
@@ -377,19 +448,19 @@ impl Load {
 fn synthesized(name: &str, job: &Job<'_>) -> Result<EnvMap, StageError> {
     match Synthetic::named(name) {
         Some(map) => synthesis::synthesize(&map, 1024, || job.check()),
-        None => Err(StageError::content_with_hint(unknown_map(name), known_maps(name))),
+        None => Err(StageError::content_with_hint(unknown("map", name), known("maps", name, &synthesis::NAMES))),
     }
 }
 
-fn unknown_map(name: &str) -> String {
-    format!("there is no synthetic map `{}`", formats::escaped(name))
+fn unknown(what: &str, name: &str) -> String {
+    format!("there is no synthetic {what} `{}`", formats::escaped(name))
 }
 
-/// What to write instead of a name that no map has.
-fn known_maps(name: &str) -> String {
-    match catalogue::nearest(name, synthesis::NAMES) {
+/// What to write instead of a name that none of them has.
+fn known(what: &str, name: &str, names: &[&str]) -> String {
+    match catalogue::nearest(name, names.iter().copied()) {
         Some(near) => format!("did you mean `synthetic:{near}`?"),
-        None => format!("the maps are `{}`", synthesis::NAMES.join("`, `")),
+        None => format!("the {what} are `{}`", names.join("`, `")),
     }
 }
 
@@ -551,9 +622,38 @@ mod tests {
     }
 
     #[test]
+    fn a_mesh_is_read_with_its_warnings_and_without_options_of_pixels() {
+        let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 1 2\n".to_vec();
+        let (artifact, warnings) = run(&load("as: mesh"), text.clone()).unwrap();
+        let mesh: Arc<Mesh> = artifact.get().unwrap();
+        assert_eq!((mesh.triangles().len(), warnings.len()), (1, 1));
+        let fields = |text: &str| load(text).mistakes().into_iter().map(|mistake| mistake.field).collect::<Vec<_>>();
+        assert_eq!(fields("as: mesh, clamp: 1, angles: edge"), ["angles", "clamp"]);
+        assert_eq!(fields("as: image, buffers: [a]"), ["buffers"]);
+        assert!(run(&load("as: mesh"), b"v 1 2".to_vec()).unwrap_err().to_string().contains("line 1"));
+    }
+
+    #[test]
+    fn a_generated_mesh_stands_where_it_is_asked_to() {
+        let mut stage = load("as: mesh, fit: 3");
+        stage.path.0 = "synthetic:knot".into();
+        assert!(stage.mistakes().is_empty());
+        let mesh: Arc<Mesh> = run(&stage, Vec::new()).unwrap().0.get().unwrap();
+        let extent = |axis: usize| {
+            let values = mesh.positions().iter().map(|position| position[axis]);
+            values.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+        };
+        let [x, y, z] = [extent(0), extent(1), extent(2)];
+        let longest = [x, y, z].map(|[low, high]| high - low).into_iter().fold(0.0, f32::max);
+        assert!((longest - 3.0).abs() < 1e-5 && y[0].abs() < 1e-6 && (x[0] + x[1]).abs() < 1e-5 && (z[0] + z[1]).abs() < 1e-5);
+        stage.path.0 = "synthetic:cathedral".into();
+        assert_eq!(stage.mistakes()[0].message, "there is no synthetic mesh `cathedral`");
+    }
+
+    #[test]
     fn the_users_decide_what_a_file_is_read_as() {
         let mut stage = load("");
-        assert_eq!(stage.result_types(&Default::default()), [["envmap", "image"]]);
+        assert_eq!(stage.result_types(&Default::default()), [["envmap", "image", "mesh"]]);
         Stage::decide_type(&mut stage, "image");
         assert_eq!(stage.result_types(&Default::default()), [["image"]]);
         assert_eq!(serde_json::to_value(&stage).unwrap()["as"], "image");

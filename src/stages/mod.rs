@@ -20,6 +20,7 @@ pub mod plot;
 pub mod profile;
 pub mod rasters;
 pub mod relight;
+pub mod render;
 pub mod sample;
 pub mod synthesize;
 pub mod table;
@@ -33,6 +34,8 @@ use crate::light::distribution::Distribution;
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
 use crate::light::samples::SampleSet;
+use crate::render::film::sums::Film;
+use crate::render::mesh::Mesh;
 use crate::stages::distribution::DistributionStage;
 use crate::stages::profile::ProfileStage;
 use crate::stages::sample::SampleStage;
@@ -49,6 +52,7 @@ pub fn registry() -> Registry {
         .with::<median_cut::MedianCut>()
         .with::<mark::Mark>()
         .with::<relight::Relight>()
+        .with::<render::Render>()
         .with::<fresnel::Fresnel>()
         .with::<tone_map::ToneMap>()
         .with::<compare::Compare>()
@@ -62,6 +66,8 @@ pub fn registry() -> Registry {
         .with_artifact::<Distribution>()
         .with_artifact::<SampleSet>()
         .with_artifact::<LightSet>()
+        .with_artifact::<Mesh>()
         .with_artifact::<Table>()
         .with_artifact::<Chart>()
+        .with_artifact::<Film>()
 }

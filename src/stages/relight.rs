@@ -19,6 +19,7 @@ use crate::light::lights::LightSet;
 use crate::light::relight::estimators::{RelightError, SampleEstimator, WeightedDirections};
 use crate::light::relight::exact;
 use crate::light::relight::limits::Integrand;
+use crate::light::relight::supersample;
 use crate::light::relight::turned::TurnedDirections;
 use crate::light::relight::views::{self, Encoding, Lookup};
 use crate::light::samples::{Frame, SampleSet};
@@ -46,6 +47,11 @@ pub struct Relight {
     #[serde(default = "usual_size")]
     #[schemars(range(min = 1, max = 65536), extend("x-unit" = "px"))]
     pub size: u32,
+    /// Points along each side of a pixel over which the picture is averaged; alpha is then the part of the pixel that
+    /// shows the sphere. Default 1: the center alone. A path tracer's box filter is compared with 4 or more.
+    #[serde(default = "one")]
+    #[schemars(range(min = 1, max = 32))]
+    pub supersample: u32,
     /// Share of the light that the diffuse sphere reflects: a number or `[r, g, b]`, from 0 to 1. Default 1.
     #[serde(default)]
     pub albedo: Option<Albedo>,
@@ -59,6 +65,10 @@ pub struct Relight {
 
 fn usual_size() -> u32 {
     511
+}
+
+fn one() -> u32 {
+    1
 }
 
 /// What the sphere is made of.
@@ -237,6 +247,7 @@ impl Stage for Relight {
     fn mistakes(&self) -> Vec<Mistake> {
         let mut mistakes = self.fields_without_meaning();
         mistakes.extend(self.missing_port());
+        mistakes.extend(self.too_many_points());
         mistakes
     }
 
@@ -247,7 +258,7 @@ impl Stage for Relight {
 
     /// The picture, and for the exact sum its running sums; the map is not known better than by its bytes.
     fn memory(&self, inputs: &InputSizes) -> u64 {
-        let size = self.size as usize;
+        let size = self.points();
         let picture = 16 * (size * size) as u64;
         match self.estimator {
             Some(Estimator::Exact) => picture + exact::memory(map_width(inputs.get("env").copied().unwrap_or(0)), size),
@@ -257,18 +268,24 @@ impl Stage for Relight {
 
     fn run(&self, job: &Job<'_>) -> Result<Image, StageError> {
         let env = job.optional_input(&self.env)?;
-        let size = self.size as usize;
-        match self.view {
+        let size = self.points();
+        let image = match self.view {
             View::Diffuse => self.diffuse(env, job),
             View::Mirror => views::mirror(&*given(env)?, self.lookup.unwrap_or_default(), size, || job.check()),
             View::Normal => views::normals(self.encoding.unwrap_or_default(), size, || job.check()),
-        }
+        };
+        Ok(supersample::averaged(image?, self.supersample as usize))
     }
 }
 
 impl Relight {
+    /// Points along each side of the picture.
+    fn points(&self) -> usize {
+        self.size as usize * self.supersample as usize
+    }
+
     fn diffuse(&self, env: Option<Arc<EnvMap>>, job: &Job<'_>) -> Result<Image, StageError> {
-        let (size, albedo) = (self.size as usize, self.albedo.map_or([1.0; 3], Albedo::rgb));
+        let (size, albedo) = (self.points(), self.albedo.map_or([1.0; 3], Albedo::rgb));
         match (self.estimator, job.optional_input(&self.with)?) {
             (Some(Estimator::Exact), _) => exact::relight(&*given(env)?, &Integrand::radiance(), size, albedo, || job.check()),
             (Some(Estimator::Sh9), _) => Coefficients::of(&*given(env)?, || job.check())?.relight(size, albedo, || job.check()),
@@ -302,6 +319,16 @@ impl Relight {
             hint: Some(format!("remove `{field}`")),
         };
         unread.into_iter().filter(|(_, is_unread, _)| *is_unread).map(mistake).collect()
+    }
+
+    /// A picture of more points than memory can be asked for.
+    fn too_many_points(&self) -> Option<Mistake> {
+        const LIMIT: usize = 65_536;
+        (self.points() > LIMIT).then(|| Mistake {
+            field: "supersample".into(),
+            message: format!("`size` times `supersample` is `{}`, over the limit of {LIMIT} points a side", self.points()),
+            hint: Some("lower one of them".into()),
+        })
     }
 
     fn missing_port(&self) -> Option<Mistake> {

@@ -3,6 +3,9 @@
 //! Slower than unit tests. One module per room; each states how many tests share its level of .001 (Šidák),
 //! and shows by controls that what it should refuse, it refuses.
 
+mod bsdf;
 mod estimators;
+mod render;
 mod sampling;
+mod shapes;
 mod shared;

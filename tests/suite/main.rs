@@ -6,5 +6,7 @@ mod language;
 mod mistakes;
 mod provenance;
 mod reasons;
+mod rendering;
 mod reuse;
 mod space;
+mod store;

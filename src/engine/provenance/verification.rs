@@ -62,7 +62,7 @@ impl Scratch {
 
     /// Where to run.
     pub fn places(&self) -> Places {
-        Places { outputs: self.folder.path().join("outputs"), store: self.folder.path().join("store") }
+        Places { outputs: self.folder.path().join("outputs"), store: self.folder.path().join("store"), may_share_store: false }
     }
 }
 

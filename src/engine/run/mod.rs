@@ -40,11 +40,19 @@ pub struct Places {
     pub outputs: PathBuf,
     /// The folder of the store.
     pub store: PathBuf,
+    /// Whether others may write to the store too.
+    pub may_share_store: bool,
 }
 
 impl Places {
-    fn library(&self) -> Library {
-        Library::new(Arc::new(FolderStore::at(&self.store)))
+    /// The store; an error if it is open to others and may not be.
+    pub fn folder_store(&self) -> Result<FolderStore, SystemError> {
+        FolderStore::open(&self.store, self.may_share_store)
+    }
+
+    /// What stands in the store; the same error.
+    pub fn library(&self) -> Result<Library, SystemError> {
+        Ok(Library::new(Arc::new(self.folder_store()?)))
     }
 
     fn pipeline_folder(&self, graph: &Graph) -> PathBuf {
@@ -96,20 +104,20 @@ struct Known {
 const SIGNATURES: &str = "signatures";
 
 impl Known {
-    fn load(places: &Places, graph: &Graph) -> Self {
-        let library = Arc::new(places.library());
+    fn load(places: &Places, graph: &Graph) -> Result<Self, SystemError> {
+        let library = Arc::new(places.library()?);
         let index = Index::load(&library, &graph.pipeline);
         let signatures = library.note(SIGNATURES).map(|text| Signatures::from_text(&text)).unwrap_or_default();
-        Self { library, index, signatures }
+        Ok(Self { library, index, signatures })
     }
 }
 
 /// What would run and why, as entries of a manifest; writes nothing.
 pub fn plan(graph: &Graph, places: &Places) -> Result<(Vec<JobEntry>, Vec<String>), RunError> {
-    let mut known = Known::load(places, graph);
+    let mut known = Known::load(places, graph)?;
     let plan = freshness::plan(graph, &known.library, &known.index, &mut known.signatures).map_err(RunError::Inputs)?;
     let mut history = History::new(places.pipeline_folder(graph), graph);
-    Ok((freshness::entries(graph, &plan, &mut history), plan.warnings))
+    Ok((freshness::entries(graph, &plan, &mut history), known.library.take_notices()))
 }
 
 /// Runs a pipeline: computes what the store lacks, publishes, and writes the manifest.
@@ -122,11 +130,13 @@ pub fn run(
     listener: &mut dyn Listener,
 ) -> Result<Summary, RunError> {
     let clock = Clock::start();
-    let mut known = Known::load(places, &graph);
+    let mut known = Known::load(places, &graph)?;
     let plan = freshness::plan(&graph, &known.library, &known.index, &mut known.signatures).map_err(RunError::Inputs)?;
 
     let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
     outputs.prepare()?;
+    known.library.tidy();
+    unchanged::tell_damage(&graph, places, &known.library);
     let standing = read_standing(&outputs.path());
     let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), settings, interrupted, listener);
     let (shared, finished) = finished;
@@ -199,6 +209,7 @@ fn conclude(
         *measured.jobs.entry(entry.outcome.word().to_owned()).or_default() += 1;
     }
 
+    ledger.warnings.extend(known.library.take_notices().into_iter().map(|text| (String::new(), text)));
     let warnings = warning_entries(graph, &entries, std::mem::take(&mut ledger.warnings));
     let result_id = result_id(&entries, &ledger.published);
     let run_id = new_run_folder(outputs, clock)?;
@@ -391,3 +402,12 @@ impl Clock {
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod fault_tests;
+
+#[cfg(test)]
+mod sharing_tests;
+
+#[cfg(test)]
+mod damage_tests;

@@ -11,7 +11,7 @@ use crate::engine::run::{self, RunError};
 use crate::engine::trial::{Mood, Space, TrialJob, files_below, graph, job};
 
 /// A trunk, two leaves, a gather; all but the trunk published.
-fn tree(trunk: &str, leaf: &str) -> Vec<TrialJob> {
+pub fn tree(trunk: &str, leaf: &str) -> Vec<TrialJob> {
     vec![job("trunk", trunk), job("one", leaf).of(0).saves(), job("two", "two").of(0).saves(), job("both", "both").all([1, 2]).saves()]
 }
 

@@ -125,12 +125,17 @@ fn known_files(found: &Standstill<'_>, signatures: &mut Signatures) -> Option<Ve
     folders.into_iter().map(known).collect()
 }
 
+/// Has a damaged note told and set aside; [`run`] passed it over in silence.
+pub fn tell_damage(graph: &Graph, places: &Places, library: &Library) {
+    let _ = library.note(&note_name(&graph.request, places));
+}
+
 /// The run that changes nothing, with its short manifest, if everything is as the last one left it.
 pub fn run(request: &Request, places: &Places, settings: Settings) -> Result<Option<Summary>, SystemError> {
     let clock = Clock::start();
-    let library = places.library();
+    let library = places.library()?;
     let identity = request.identity();
-    let text = library.note(&note_name(&identity, places));
+    let text = library.glance_at_note(&note_name(&identity, places));
     let Some(basis) = text.and_then(|text| serde_json::from_str::<Basis>(&text).ok()) else { return Ok(None) };
     let outputs = OutputFolder::at(&places.outputs, &basis.pipeline);
     if basis.request != identity || !basis.stands(&outputs) {
@@ -138,6 +143,7 @@ pub fn run(request: &Request, places: &Places, settings: Settings) -> Result<Opt
     }
 
     outputs.prepare()?;
+    library.tidy();
     let run_id = new_run_folder(&outputs, &clock)?;
     let mut measured = clock.measured(settings);
     measured.jobs.insert(Outcome::Hit.word().to_owned(), basis.jobs);

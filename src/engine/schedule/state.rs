@@ -1,6 +1,7 @@
 //! What the scheduler knows of each job.
 
 use std::cmp::Ordering;
+use std::path::Path;
 
 use crate::engine::digest::Digest;
 use crate::engine::freshness::PlannedJob;
@@ -16,6 +17,8 @@ pub enum Phase {
     Waiting,
     /// It can start.
     Ready,
+    /// Another run has claimed it.
+    Elsewhere,
     /// A job thread has it.
     Running,
     /// Its results are known.
@@ -169,10 +172,16 @@ pub struct MemoryNeed {
     pub at_all: u64,
 }
 
-/// What a job takes, given the size of an input and whether it is in memory.
+/// What a job takes, given the size of an input and whether it is in memory, and the size of an input file.
 ///
-/// Of a collecting port one artifact at a time is in memory, since the stage fetches one after the other.
-pub fn memory_need(node: &JobNode, size: impl Fn(&InputNode) -> u64, is_held: impl Fn(&InputNode) -> bool) -> MemoryNeed {
+/// Of a collecting port one artifact at a time is in memory, since the stage fetches one after the other. A file is
+/// read whole.
+pub fn memory_need(
+    node: &JobNode,
+    size: impl Fn(&InputNode) -> u64,
+    is_held: impl Fn(&InputNode) -> bool,
+    file_size: impl Fn(&Path) -> u64,
+) -> MemoryNeed {
     let mut sizes = InputSizes::new();
     let (mut all, mut missing) = (0u64, 0u64);
     for port in &node.inputs {
@@ -186,6 +195,12 @@ pub fn memory_need(node: &JobNode, size: impl Fn(&InputNode) -> u64, is_held: im
             all += total;
             missing += missing_sizes.sum::<u64>();
         }
+    }
+    for (name, path) in &node.files {
+        let size = file_size(path);
+        sizes.insert(name.clone(), size);
+        all = all.saturating_add(size);
+        missing = missing.saturating_add(size);
     }
     let of_the_stage = node.parameters.memory(&sizes);
     MemoryNeed { of_the_stage, beside_what_is_held: of_the_stage.saturating_add(missing), at_all: of_the_stage.saturating_add(all) }

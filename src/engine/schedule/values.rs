@@ -108,7 +108,7 @@ impl Shared {
         if source.blob.inline.is_some() || source.blob.size >= INLINE_LIMIT {
             return self.library.read_artifact(kind, &source.blob);
         }
-        let record = self.library.result(&source.key)?;
+        let record = self.library.expected_result(&source.key)?;
         let output = record.outputs.get(source.result).ok_or(Lost::Missing)?;
         if output.content.digest != source.blob.digest {
             return Err(Lost::Missing);

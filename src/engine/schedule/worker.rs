@@ -2,20 +2,24 @@
 
 use std::any::Any;
 use std::collections::{BTreeMap, HashMap};
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicU32;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
+
+use serde_json::Value as Json;
 
 use super::panics;
 use super::values::{Fetcher, LostResults, Shared, Source};
 use crate::engine::artifact::{AnyArtifact, Origin};
 use crate::engine::digest::Digest;
-use crate::engine::graph::PortInputs;
+use crate::engine::files::PlainFile;
+use crate::engine::graph::{InputNode, PortInputs};
 use crate::engine::job::{FileSource, Input, Job};
+use crate::engine::key;
 use crate::engine::stage::StageError;
 use crate::engine::store::committer::Commit;
 use crate::engine::store::library::{CopyError, INLINE_LIMIT, Lost};
@@ -44,6 +48,8 @@ pub struct RunTask {
     pub memory: u64,
     /// How far it is.
     pub progress: Arc<AtomicU32>,
+    /// Set when it is to be left to another run.
+    pub withdrawn: Arc<AtomicBool>,
 }
 
 /// Files to publish.
@@ -103,6 +109,8 @@ pub enum Fault {
     },
     /// The run is to stop.
     Interrupted,
+    /// It was to be left to another run.
+    Withdrawn,
     /// The store has lost results of these jobs.
     Lost(Vec<(usize, Lost)>),
     /// The operating system failed.
@@ -162,16 +170,45 @@ fn run(shared: &Arc<Shared>, task: &RunTask) -> Result<RanJob, Fault> {
     let files = KeyedFiles::new(node.files.iter().map(|(_, path)| path.clone()).zip(task.files.iter().copied()));
     let inputs = inputs(shared, task, &lost)?;
     let job = Job::new(inputs, &files, shared.graph.seed, &shared.interrupted).with_progress(task.progress.clone());
+    let job = job.with_withdrawal(&task.withdrawn).with_earlier(earlier(shared, task));
 
     let result = node.parameters.run(&job);
     let lost = std::mem::take(&mut *lost.lock().expect("no one panics while noting a loss"));
     if !lost.is_empty() {
         return Err(Fault::Lost(lost));
     }
-    let artifacts = result?;
+    let artifacts = result.map_err(|error| match error {
+        StageError::Interrupted if !shared.interrupted.load(Ordering::Relaxed) => Fault::Withdrawn,
+        error => error.into(),
+    })?;
     let warnings = job.take_warnings();
     drop(job);
     keep_results(shared, task, artifacts, warnings, start)
+}
+
+/// Results of the first prefix of a job that the store has whole; none where the job is to run from nothing.
+///
+/// What the store has lost of them is no loss to this job.
+fn earlier(shared: &Shared, task: &RunTask) -> Vec<AnyArtifact> {
+    let node = &shared.graph.jobs[task.job];
+    let declared = &shared.graph.stages[node.stage].results;
+    if node.is_forced {
+        return Vec::new();
+    }
+    let content = |item: &InputNode| {
+        let sources = task.sources.iter().flatten();
+        let source = sources.into_iter().find(|source| source.job == item.job && source.result == item.result);
+        source.expect("a task has a source for every input").blob.digest
+    };
+    let results = |prefix: &Json| {
+        let key = key::key_of_prefix(&shared.graph, node, prefix, &task.files, content);
+        let record = shared.library.result(&key).ok()?;
+        let has_types = record.outputs.iter().map(|output| output.type_name.as_str()).eq(declared.iter().map(|(_, name)| *name));
+        let outputs = record.outputs.iter().filter(|_| has_types);
+        let read = |output: &OutputRecord| shared.library.read_artifact(shared.artifact_kind(&output.type_name), &output.content).ok();
+        outputs.map(read).collect::<Option<Vec<_>>>().filter(|results| !results.is_empty())
+    };
+    node.prefixes.iter().find_map(results).unwrap_or_default()
 }
 
 /// What stands on the ports: single inputs are read now, collected ones when the stage reaches them.
@@ -237,7 +274,7 @@ fn publish(shared: &Shared, task: &PublishTask) -> Result<Vec<(usize, Publicatio
 }
 
 fn publish_file(shared: &Shared, job: usize, file: &FileToPublish) -> Result<PublicationRecord, Fault> {
-    if shared.interrupted.load(std::sync::atomic::Ordering::Relaxed) {
+    if shared.interrupted.load(Ordering::Relaxed) {
         return Err(Fault::Interrupted);
     }
     let publication = &shared.graph.jobs[job].publications[file.publication];
@@ -277,7 +314,7 @@ fn full_blob(shared: &Shared, record: &PublicationRecord) -> Option<Blob> {
     if record.content.inline.is_some() || record.content.size >= INLINE_LIMIT {
         return Some(record.content.clone());
     }
-    let full = shared.library.publication(&record.key).ok()?;
+    let full = shared.library.expected_publication(&record.key).ok()?;
     (full.content.digest == record.content.digest).then_some(full.content)
 }
 
@@ -297,10 +334,11 @@ impl FileSource for KeyedFiles {
             let message = format!("`{}` changed while the pipeline ran", path.display());
             StageError::content_with_hint(message, "run again once nothing writes to it")
         };
-        match std::fs::read(path) {
-            Ok(bytes) if Digest::of(&bytes) == *digest => Ok(bytes),
+        let mut bytes = Vec::new();
+        match PlainFile::open_named(path.to_owned()).and_then(|mut file| file.read_to_end(&mut bytes)) {
+            Ok(_) if Digest::of(&bytes) == *digest => Ok(bytes),
             Ok(_) => Err(changed()),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Err(changed()),
+            Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::InvalidData) => Err(changed()),
             Err(source) => Err(StageError::System { context: format!("cannot read `{}`", path.display()), source }),
         }
     }

@@ -4,10 +4,12 @@
 //! the last group, and its jobs run again.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use super::claims::Claim;
 use super::library::Library;
 use super::objects::Shelf;
 use super::record::{Blob, PublicationRecord, ResultRecord};
@@ -37,6 +39,8 @@ impl Commit {
 
 enum Message {
     Commit(Commit),
+    /// What was handed in before is being waited for under this claim.
+    LetGo(Claim),
     End,
 }
 
@@ -45,6 +49,7 @@ pub struct Committer {
     library: Arc<Library>,
     sender: Sender<Message>,
     receiver: Option<Receiver<Message>>,
+    is_hurried: Arc<AtomicBool>,
     thread: Option<JoinHandle<Result<(), SystemError>>>,
 }
 
@@ -63,7 +68,7 @@ impl Committer {
     /// A committer that has not started.
     pub fn new(library: Arc<Library>) -> Self {
         let (sender, receiver) = channel();
-        Self { library, sender, receiver: Some(receiver), thread: None }
+        Self { library, sender, receiver: Some(receiver), is_hurried: Arc::default(), thread: None }
     }
 
     /// A way to hand records in.
@@ -71,12 +76,26 @@ impl Committer {
         Submit(self.sender.clone())
     }
 
+    /// Lets a claim go as soon as what was handed in so far can be found.
+    pub fn let_go(&self, claim: Option<Claim>) {
+        if let Some(claim) = claim {
+            // If the committer has failed, the claim goes at once.
+            let _ = self.sender.send(Message::LetGo(claim));
+        }
+    }
+
     /// Starts the thread, if it has not started.
     pub fn start(&mut self) {
         let Some(receiver) = self.receiver.take() else { return };
-        let library = self.library.clone();
-        let thread = std::thread::Builder::new().name("commit".into()).spawn(move || commit_groups(&library, &receiver));
+        let (library, is_hurried) = (self.library.clone(), self.is_hurried.clone());
+        let thread = std::thread::Builder::new().name("commit".into()).spawn(move || commit_groups(&library, &receiver, &is_hurried));
         self.thread = Some(thread.expect("the system gives a thread"));
+    }
+
+    /// From now on the disk is not waited for: a run that is to end within a second keeps what it has, and only a power cut
+    /// within moments could cost a result.
+    pub fn hurry(&self) {
+        self.is_hurried.store(true, Ordering::Relaxed);
     }
 
     /// Whether it has ended early, which only an error makes it do.
@@ -93,37 +112,45 @@ impl Committer {
     }
 }
 
-fn commit_groups(library: &Library, receiver: &Receiver<Message>) -> Result<(), SystemError> {
+fn commit_groups(library: &Library, receiver: &Receiver<Message>, is_hurried: &AtomicBool) -> Result<(), SystemError> {
     loop {
-        let (group, is_last) = next_group(receiver);
-        commit_group(library, &group)?;
+        let (group, claims, is_last) = next_group(receiver);
+        commit_group(library, &group, is_hurried)?;
+        drop(claims);
         if is_last {
             return Ok(());
         }
     }
 }
 
-/// The next records, and whether there will be no more.
-fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, bool) {
-    let mut group = Vec::new();
+/// The next records with the claims on them, and whether there will be no more.
+fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, Vec<Claim>, bool) {
+    let (mut group, mut claims) = (Vec::new(), Vec::new());
     match receiver.recv() {
         Ok(Message::Commit(commit)) => group.push(commit),
-        Ok(Message::End) | Err(_) => return (group, true),
+        Ok(Message::LetGo(claim)) => return (group, vec![claim], false),
+        Ok(Message::End) | Err(_) => return (group, claims, true),
     }
     let deadline = Instant::now() + GROUP_TIME;
     while group.len() < GROUP_COUNT {
         match receiver.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
             Ok(Message::Commit(commit)) => group.push(commit),
-            Ok(Message::End) | Err(RecvTimeoutError::Disconnected) => return (group, true),
+            Ok(Message::LetGo(claim)) => claims.push(claim),
+            Ok(Message::End) | Err(RecvTimeoutError::Disconnected) => return (group, claims, true),
             Err(RecvTimeoutError::Timeout) => break,
         }
     }
-    (group, false)
+    (group, claims, false)
 }
 
-fn commit_group(library: &Library, group: &[Commit]) -> Result<(), SystemError> {
+fn commit_group(library: &Library, group: &[Commit], is_hurried: &AtomicBool) -> Result<(), SystemError> {
+    if group.is_empty() {
+        return Ok(());
+    }
     let blobs: Vec<Digest> = group.iter().flat_map(Commit::blobs).filter(|blob| blob.inline.is_none()).map(|blob| blob.digest).collect();
-    library.make_durable(&blobs)?;
+    if !is_hurried.load(Ordering::Relaxed) {
+        library.make_durable(&blobs)?;
+    }
     for commit in group {
         match commit {
             Commit::Result(record) => library.keep_record(Shelf::Results, record)?,

@@ -1,19 +1,22 @@
 //! A store in a local folder, private to its user.
 //!
 //! `cas/ab/<digest>`, `ac/ab/<key>`, `publications/ab/<key>`, `notes/NAME`; what is being written stands in
-//! `tmp`, what was damaged in `bad`. The folder comes into being with the first object.
+//! `tmp`, what was damaged in `damaged`, who computes what in `claims`. The folder comes into being with the first
+//! object. Whoever may write to it decides what later runs find, so that one open to others is refused unless
+//! that is wanted; objects are hashed when they are read, but records can be forged.
 
 use std::collections::BTreeSet;
-use std::fs::{self, DirBuilder, File};
+use std::fs::Metadata;
 use std::io::{self, BufReader, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use std::time::{Duration, SystemTime};
 
-use rustix::fs::OFlags;
-
+use super::claims::Claims;
 use super::objects::{Draft, Objects, Shelf};
 use crate::engine::digest::READ_SIZE;
+use crate::engine::files::{self, PlainFile};
 use crate::engine::system::{SystemError, remove_leftovers, temporary_name};
 
 /// Version of the layout; another one is another folder beside this.
@@ -27,138 +30,272 @@ const CACHE_TAG: &str = "Signature: 8a477f597d28d172789f06886806bc55\n\
 /// whatever other programs have written, which on a busy machine takes seconds.
 const SYNC_ONE_BY_ONE: usize = 256;
 
+/// An object that is used has its time renewed if it is older than this: collection goes by it.
+const RENEWAL: Duration = Duration::from_secs(24 * 3600);
+
+/// Rights of folders that are their user's alone.
+const PRIVATE: u32 = 0o700;
+
 /// A store in a local folder.
 pub struct FolderStore {
     parent: PathBuf,
-    root: PathBuf,
+    layout: Layout,
+    is_inspected: bool,
     made: OnceLock<()>,
+}
+
+/// Where things stand below the root, and with which rights.
+#[derive(Debug, Clone)]
+pub struct Layout {
+    root: PathBuf,
+    folder_mode: u32,
 }
 
 impl FolderStore {
     /// The store in `folder`, which need not exist.
+    ///
+    /// One that belongs to another user, or that others may write to, is refused unless it may be shared.
+    pub fn open(folder: impl Into<PathBuf>, may_be_shared: bool) -> Result<Self, SystemError> {
+        let mut store = Self::at(folder);
+        let status = match files::status(&store.parent) {
+            Ok(status) => status,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(store),
+            Err(error) => return Err(SystemError::at("use", store.parent)(error)),
+        };
+        if may_be_shared {
+            // What is made in a shared folder is shared with the same people.
+            store.layout.folder_mode = if is_open_to_others(&status) { status.mode() & 0o2777 } else { PRIVATE };
+        } else {
+            store.refuse_strangers()?;
+        }
+        Ok(store)
+    }
+
+    /// The store in `folder`, whoever may write to it.
     pub fn at(folder: impl Into<PathBuf>) -> Self {
         let parent = folder.into();
-        Self { root: parent.join(LAYOUT), parent, made: OnceLock::new() }
+        Self { layout: Layout { root: parent.join(LAYOUT), folder_mode: PRIVATE }, parent, is_inspected: false, made: OnceLock::new() }
     }
 
-    fn path_of(&self, shelf: Shelf, name: &str) -> PathBuf {
-        object_path(&self.root, shelf, name)
+    /// The same store, its objects only looked at: that does not count as their use.
+    #[must_use]
+    pub fn for_inspection(mut self) -> Self {
+        self.is_inspected = true;
+        self
     }
 
-    /// Makes the folder when something is first written, and clears what dead processes left.
+    /// Where things stand.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    fn refuse_strangers(&self) -> Result<(), SystemError> {
+        let shelves = Shelf::ALL.iter().map(|shelf| self.layout.root.join(shelf.folder_name()));
+        let user = rustix::process::geteuid().as_raw();
+        for folder in [self.parent.clone(), self.layout.root.clone()].into_iter().chain(shelves) {
+            // What is not there, or cannot be looked at, is found out when it is used.
+            let Ok(status) = files::status(&folder) else { continue };
+            if let Some(what) = danger(&status, user) {
+                let advice = "if that is meant to be so, pass `--allow-shared-store`";
+                return Err(SystemError::at("use", &folder)(io::Error::other(format!("{what}; {advice}"))));
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes the folder when something is first written.
     fn prepare(&self) -> Result<(), SystemError> {
         if self.made.get().is_some() {
             return Ok(());
         }
-        let temporary = self.root.join("tmp");
-        make_folder(&temporary)?;
+        self.layout.make_above().map_err(SystemError::at("create", &self.layout.root))?;
+        let temporary = self.layout.temporary();
+        self.layout.make_folders(&temporary).map_err(SystemError::at("create", &temporary))?;
         let tag = self.parent.join("CACHEDIR.TAG");
-        if !tag.exists() {
-            fs::write(&tag, CACHE_TAG).map_err(SystemError::at("write", tag))?;
+        match PlainFile::create(tag.clone(), self.layout.file_mode()).and_then(|mut file| file.write_all(CACHE_TAG.as_bytes())) {
+            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(SystemError::at("write", tag)(error)),
+            _ => {}
         }
-        remove_leftovers(&temporary);
         let _ = self.made.set(());
         Ok(())
     }
 }
 
-fn object_path(root: &Path, shelf: Shelf, name: &str) -> PathBuf {
-    let folder = root.join(folder_name(shelf));
-    match shelf {
-        Shelf::Notes => folder.join(name),
-        // 256 folders keep each short enough for any file system.
-        _ => folder.join(&name[..2]).join(name),
+/// Why a folder is not its user's alone.
+fn danger(status: &Metadata, user: u32) -> Option<String> {
+    let owner = status.uid();
+    if owner != user && owner != 0 {
+        return Some(format!("it belongs to another user (number {owner})"));
     }
+    let mode = status.permissions().mode() & 0o777;
+    is_open_to_others(status).then(|| format!("others may write to it (mode {mode:03o}): `chmod -R go-w` makes it private"))
 }
 
-fn folder_name(shelf: Shelf) -> &'static str {
-    match shelf {
-        Shelf::Blobs => "cas",
-        Shelf::Results => "ac",
-        Shelf::Publications => "publications",
-        Shelf::Notes => "notes",
-    }
+fn is_open_to_others(status: &Metadata) -> bool {
+    status.permissions().mode() & 0o022 != 0
 }
 
-/// Makes a folder and those above it, open to no one else.
-fn make_folder(path: &Path) -> Result<(), SystemError> {
-    DirBuilder::new().recursive(true).mode(0o700).create(path).map_err(SystemError::at("create", path))
+impl Layout {
+    /// The folder of this version's objects.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Where what is being written stands.
+    pub fn temporary(&self) -> PathBuf {
+        self.root.join("tmp")
+    }
+
+    /// Where damaged objects are kept for a look.
+    pub fn damaged(&self) -> PathBuf {
+        self.root.join("damaged")
+    }
+
+    /// Where claims stand.
+    pub fn claims(&self) -> PathBuf {
+        self.root.join("claims")
+    }
+
+    /// Where an object stands.
+    pub fn path_of(&self, shelf: Shelf, name: &str) -> PathBuf {
+        let folder = self.root.join(shelf.folder_name());
+        match shelf {
+            Shelf::Notes => folder.join(name),
+            // 256 folders keep each short enough for any file system.
+            _ => folder.join(&name[..2]).join(name),
+        }
+    }
+
+    fn file_mode(&self) -> u32 {
+        self.folder_mode & 0o666
+    }
+
+    /// Makes the root and what is above it.
+    fn make_above(&self) -> io::Result<()> {
+        if files::status(&self.root).is_ok_and(|status| status.is_dir()) {
+            return Ok(());
+        }
+        let missing: Vec<&Path> = self.root.ancestors().take_while(|folder| files::status(folder).is_err()).collect();
+        missing.into_iter().rev().filter(|folder| !folder.as_os_str().is_empty()).try_for_each(|folder| self.make_folder(folder))
+    }
+
+    /// Makes a folder below the root and those between; what stands in the way is set aside.
+    fn make_folders(&self, folder: &Path) -> io::Result<()> {
+        let below: Vec<&Path> = folder.ancestors().take_while(|above| *above != self.root).collect();
+        below.into_iter().rev().try_for_each(|folder| {
+            self.make_folder(folder)?;
+            if files::link_status(folder)?.is_dir() {
+                return Ok(());
+            }
+            self.move_away(folder, "folder")?;
+            self.make_folder(folder)
+        })
+    }
+
+    fn make_folder(&self, folder: &Path) -> io::Result<()> {
+        match files::make_folder(folder, self.folder_mode) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+            made => made,
+        }
+    }
+
+    /// Moves something among the damaged objects; `name` begins its name there.
+    pub fn move_away(&self, path: &Path, name: &str) -> io::Result<PathBuf> {
+        let damaged = self.damaged();
+        self.make_folder(&damaged)?;
+        let target = damaged.join(format!("{name}-{}", temporary_name()));
+        files::rename(path, &target)?;
+        Ok(target)
+    }
 }
 
 impl Objects for FolderStore {
     fn open(&self, shelf: Shelf, name: &str) -> io::Result<Box<dyn Read + Send>> {
-        // Neither a link nor a pipe that someone put there is followed or waited for.
-        let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32;
-        let path = self.path_of(shelf, name);
-        let file = File::options().read(true).custom_flags(flags).open(path)?;
-        if !file.metadata()?.is_file() {
-            return Err(io::Error::new(io::ErrorKind::InvalidData, "not a regular file"));
+        let file = PlainFile::open(self.layout.path_of(shelf, name))?;
+        if shelf != Shelf::Notes && !self.is_inspected {
+            renew(&file);
         }
         Ok(Box::new(BufReader::with_capacity(READ_SIZE, file)))
     }
 
-    fn draft(&self) -> Result<Box<dyn Draft>, SystemError> {
-        self.prepare()?;
-        let path = self.root.join("tmp").join(temporary_name());
-        let create = || File::options().write(true).create_new(true).mode(0o600).open(&path);
-        let file = create().map_err(SystemError::at("create", &path))?;
-        Ok(Box::new(FileDraft { path, file, root: self.root.clone(), is_kept: false }))
+    fn has(&self, shelf: Shelf, name: &str) -> bool {
+        files::link_status(&self.layout.path_of(shelf, name)).is_ok()
     }
 
-    fn set_aside(&self, shelf: Shelf, name: &str) {
-        let path = self.path_of(shelf, name);
-        let bad = self.root.join("bad");
-        let target = bad.join(format!("{}-{name}-{}", folder_name(shelf), temporary_name()));
-        // Where it cannot even be moved it stays: it will be noticed again, and was not used.
-        if make_folder(&bad).is_err() || fs::rename(&path, target).is_err() {
-            let _ = fs::remove_file(&path);
+    fn draft(&self) -> Result<Box<dyn Draft>, SystemError> {
+        self.prepare()?;
+        let path = self.layout.temporary().join(temporary_name());
+        let create = || PlainFile::create(path.clone(), self.layout.file_mode());
+        let file = create().or_else(|error| match error.kind() {
+            io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => {
+                self.layout.make_folders(&self.layout.temporary())?;
+                create()
+            }
+            _ => Err(error),
+        });
+        let file = file.map_err(SystemError::at("create", &path))?;
+        Ok(Box::new(FileDraft { file, layout: self.layout.clone(), is_kept: false }))
+    }
+
+    fn set_aside(&self, shelf: Shelf, name: &str) -> Option<PathBuf> {
+        let path = self.layout.path_of(shelf, name);
+        let moved = self.layout.move_away(&path, &format!("{}-{name}", shelf.folder_name())).ok();
+        if moved.is_none() {
+            // Where it cannot even be removed it stays: it will be noticed again, and was not used.
+            let _ = files::remove(&path);
         }
+        moved
     }
 
     fn make_durable(&self, objects: &[(Shelf, String)]) -> Result<(), SystemError> {
         if objects.len() > SYNC_ONE_BY_ONE {
-            return sync_file_system(&self.root);
+            return files::sync_file_system(&self.layout.root).map_err(SystemError::at("sync", &self.layout.root));
         }
         let mut folders = BTreeSet::new();
         for (shelf, name) in objects {
-            let path = self.path_of(*shelf, name);
-            sync_if_there(&path, File::sync_data).map_err(SystemError::at("sync", &path))?;
-            folders.extend(path.parent().map(Path::to_owned));
+            let path = self.layout.path_of(*shelf, name);
+            if_there(PlainFile::open(path.clone()).and_then(|file| file.sync())).map_err(SystemError::at("sync", &path))?;
+            folders.extend(path.ancestors().skip(1).take(2).map(Path::to_owned));
         }
-        // The entries that name the files.
-        folders.into_iter().try_for_each(|folder| sync_if_there(&folder, File::sync_all).map_err(SystemError::at("sync", &folder)))
+        // The entries that name the files, and those that name the folders.
+        let sync = |folder: PathBuf| if_there(files::sync_folder(&folder)).map_err(SystemError::at("sync", folder));
+        folders.into_iter().try_for_each(sync)
     }
 
     fn has_any(&self, shelf: Shelf) -> bool {
-        fs::read_dir(self.root.join(folder_name(shelf))).is_ok_and(|mut entries| entries.next().is_some())
+        files::list(&self.layout.root.join(shelf.folder_name())).is_ok_and(|mut entries| entries.next().is_some())
+    }
+
+    fn claims(&self) -> Claims {
+        Claims::in_folder(self.layout.claims(), self.layout.folder_mode)
+    }
+
+    fn tidy(&self) {
+        remove_leftovers(&self.layout.temporary());
+        self.claims().remove_dead();
     }
 }
 
 /// Another process may have found an object damaged meanwhile and set it aside: then there is nothing to keep.
-fn sync_if_there(path: &Path, sync: impl Fn(&File) -> io::Result<()>) -> io::Result<()> {
-    match File::open(path) {
-        Ok(file) => sync(&file),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(error),
+fn if_there(done: io::Result<()>) -> io::Result<()> {
+    match done {
+        Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::InvalidData) => Ok(()),
+        done => done,
     }
 }
 
-#[cfg(target_os = "linux")]
-fn sync_file_system(root: &Path) -> Result<(), SystemError> {
-    let folder = File::open(root).map_err(SystemError::at("open", root))?;
-    rustix::fs::syncfs(&folder).map_err(|error| SystemError::at("sync", root)(error.into()))
-}
-
-#[cfg(not(target_os = "linux"))]
-fn sync_file_system(_root: &Path) -> Result<(), SystemError> {
-    rustix::fs::sync();
-    Ok(())
+/// Notes that an object was used. Where that is not allowed, collection goes by an older time.
+fn renew(file: &PlainFile) {
+    let now = SystemTime::now();
+    let modified = file.status().and_then(|status| status.modified());
+    if modified.is_ok_and(|modified| now.duration_since(modified).is_ok_and(|age| age > RENEWAL)) {
+        let _ = file.set_modified(now);
+    }
 }
 
 struct FileDraft {
-    path: PathBuf,
-    file: File,
-    root: PathBuf,
+    file: PlainFile,
+    layout: Layout,
     is_kept: bool,
 }
 
@@ -174,21 +311,17 @@ impl Write for FileDraft {
 
 impl Draft for FileDraft {
     fn keep(mut self: Box<Self>, shelf: Shelf, name: &str) -> Result<(), SystemError> {
-        let target = object_path(&self.root, shelf, name);
-        let folder = target.parent().expect("objects stand in folders");
-        let renamed = fs::rename(&self.path, &target).or_else(|error| match error.kind() {
-            io::ErrorKind::NotFound => {
-                make_folder(folder).map_err(|error| error.source)?;
-                fs::rename(&self.path, &target)
+        let target = self.layout.path_of(shelf, name);
+        let renamed = files::rename(self.file.path(), &target).or_else(|error| {
+            match error.kind() {
+                io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => {
+                    self.layout.make_folders(target.parent().expect("objects stand in folders"))?;
+                }
+                // A folder stands where the object belongs.
+                io::ErrorKind::IsADirectory => drop(self.layout.move_away(&target, "folder")?),
+                _ => return Err(error),
             }
-            // A folder stands where the object belongs.
-            io::ErrorKind::IsADirectory => {
-                let bad = self.root.join("bad");
-                make_folder(&bad).map_err(|error| error.source)?;
-                fs::rename(&target, bad.join(temporary_name()))?;
-                fs::rename(&self.path, &target)
-            }
-            _ => Err(error),
+            files::rename(self.file.path(), &target)
         });
         renamed.map_err(SystemError::at("write", target))?;
         self.is_kept = true;
@@ -196,20 +329,21 @@ impl Draft for FileDraft {
     }
 
     fn path(&self) -> PathBuf {
-        self.path.clone()
+        self.file.path().to_owned()
     }
 }
 
 impl Drop for FileDraft {
     fn drop(&mut self) {
         if !self.is_kept {
-            let _ = fs::remove_file(&self.path);
+            let _ = files::remove(self.file.path());
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
     use std::os::unix::fs::{PermissionsExt, symlink};
 
     use super::*;
@@ -238,7 +372,7 @@ mod tests {
         put(&store, b"two");
         assert_eq!(get(&store).unwrap(), b"two");
         store.make_durable(&[(Shelf::Blobs, NAME.into())]).unwrap();
-        sync_file_system(&store.root).unwrap();
+        files::sync_file_system(&store.layout.root).unwrap();
     }
 
     #[test]
@@ -264,7 +398,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = FolderStore::at(folder.path());
         put(&store, b"x");
-        let path = store.path_of(Shelf::Blobs, NAME);
+        let path = store.layout.path_of(Shelf::Blobs, NAME);
         let secret = folder.path().join("secret");
         fs::write(&secret, "x").unwrap();
 
@@ -286,8 +420,74 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = FolderStore::at(folder.path());
         put(&store, b"x");
-        store.set_aside(Shelf::Blobs, NAME);
+        let kept = store.set_aside(Shelf::Blobs, NAME).unwrap();
         assert_eq!(get(&store).unwrap_err().kind(), io::ErrorKind::NotFound);
-        assert_eq!(fs::read_dir(folder.path().join("v1/bad")).unwrap().count(), 1);
+        assert_eq!(fs::read(kept).unwrap(), b"x");
+        assert_eq!(fs::read_dir(folder.path().join("v1/damaged")).unwrap().count(), 1);
+        assert_eq!(store.set_aside(Shelf::Blobs, NAME), None, "nothing is there any more");
+    }
+
+    #[test]
+    fn files_in_the_place_of_folders_give_way() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path().join("v1");
+        for blocked in ["cas/ab", "cas", "tmp"] {
+            let store = FolderStore::at(folder.path());
+            put(&store, b"x");
+            fs::remove_dir_all(root.join(blocked)).unwrap();
+            fs::write(root.join(blocked), "in the way").unwrap();
+            put(&store, b"good");
+            assert_eq!(get(&store).unwrap(), b"good", "{blocked}");
+        }
+    }
+
+    #[test]
+    fn a_store_that_others_may_write_to_is_refused_unless_it_may_be_shared() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("store");
+        assert!(FolderStore::open(&path, false).is_ok(), "it is not there yet");
+        put(&FolderStore::open(&path, false).unwrap(), b"x");
+        assert!(FolderStore::open(&path, false).is_ok());
+        for open in ["", "v1", "v1/ac", "v1/cas"] {
+            let open = path.join(open);
+            fs::create_dir_all(&open).unwrap();
+            for mode in [0o770, 0o707] {
+                fs::set_permissions(&open, fs::Permissions::from_mode(mode)).unwrap();
+                let message = FolderStore::open(&path, false).map(drop).unwrap_err().to_string();
+                assert!(message.contains("others may write to it") && message.contains("--allow-shared-store"), "{message}");
+                assert!(FolderStore::open(&path, true).is_ok());
+            }
+            fs::set_permissions(&open, fs::Permissions::from_mode(0o700)).unwrap();
+        }
+        // What is made in a shared store is shared with the same people.
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o2775)).unwrap();
+        let shared = FolderStore::open(&path, true).unwrap();
+        let mut draft = shared.draft().unwrap();
+        draft.write_all(b"shared").unwrap();
+        draft.keep(Shelf::Blobs, "cdef").unwrap();
+        let mode = |path: &str| fs::metadata(folder.path().join("store/v1").join(path)).unwrap().permissions().mode();
+        assert_eq!(mode("cas/cd") & 0o777, 0o775);
+        assert_eq!(mode("cas/cd/cdef") & 0o222, 0o200 | (mode("cas/cd/cdef") & 0o020), "never for everyone");
+    }
+
+    #[test]
+    fn the_store_of_another_user_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let status = fs::metadata(folder.path()).unwrap();
+        assert_eq!(danger(&status, status.uid()), None);
+        let message = danger(&status, status.uid() + 1);
+        assert_eq!(message.is_some(), status.uid() != 0, "that of the super-user is trusted");
+    }
+
+    #[test]
+    fn an_object_that_is_used_is_young_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = FolderStore::at(folder.path());
+        put(&store, b"x");
+        let path = store.layout.path_of(Shelf::Blobs, NAME);
+        let old = SystemTime::now() - RENEWAL - Duration::from_secs(60);
+        fs::File::open(&path).unwrap().set_modified(old).unwrap();
+        get(&store).unwrap();
+        assert!(fs::metadata(&path).unwrap().modified().unwrap() > old + RENEWAL);
     }
 }

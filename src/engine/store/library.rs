@@ -1,13 +1,15 @@
 //! Reads and writes blobs and records, and trusts nothing that it reads.
 //!
 //! Every byte that leaves the library was hashed on the way. What is wrong, short, long or no plain file is
-//! set aside and reported as lost, never as an error: the caller computes it again.
+//! set aside and reported as lost, never as an error: the caller computes it again. Whatever was found damaged, or gone
+//! although a record names it, is noted for the reader of the run ([`Library::take_notices`]).
 
 use std::io::{self, BufWriter, Read, Write};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use rustix::io::Errno;
 
+use super::claims::Claims;
 use super::objects::{Draft, Objects, Shelf};
 use super::record::{Blob, Inline, Keyed, PublicationRecord, RECORD_VERSION, ResultRecord, seal, unseal};
 use crate::engine::artifact::{AnyArtifact, ArtifactKind};
@@ -54,12 +56,13 @@ pub enum CopyError {
 /// Blobs and records over any store of objects.
 pub struct Library {
     objects: Arc<dyn Objects>,
+    notices: Mutex<Vec<String>>,
 }
 
 impl Library {
     /// The library whose objects these are.
     pub fn new(objects: Arc<dyn Objects>) -> Self {
-        Self { objects }
+        Self { objects, notices: Mutex::default() }
     }
 
     /// The record of a result.
@@ -72,6 +75,46 @@ impl Library {
         self.record(Shelf::Publications, key)
     }
 
+    /// The record of a result that must be there, because a job was settled by it.
+    pub fn expected_result(&self, key: &Digest) -> Result<ResultRecord, Lost> {
+        self.result(key).inspect_err(|lost| self.notice_missing(lost, Shelf::Results, key))
+    }
+
+    /// The record of an encoded file that must be there.
+    pub fn expected_publication(&self, key: &Digest) -> Result<PublicationRecord, Lost> {
+        self.publication(key).inspect_err(|lost| self.notice_missing(lost, Shelf::Publications, key))
+    }
+
+    /// Whether a record of a result stands under the key, good or bad.
+    pub fn may_have_result(&self, key: &Digest) -> bool {
+        self.objects.has(Shelf::Results, &key.to_string())
+    }
+
+    /// Who is computing what.
+    pub fn claims(&self) -> Claims {
+        self.objects.claims()
+    }
+
+    /// Clears what dead processes left.
+    pub fn tidy(&self) {
+        self.objects.tidy();
+    }
+
+    /// What was found damaged or missing so far, for the reader; once.
+    pub fn take_notices(&self) -> Vec<String> {
+        std::mem::take(&mut *self.notices.lock().expect(NO_PANIC))
+    }
+
+    fn notice(&self, text: String) {
+        self.notices.lock().expect(NO_PANIC).push(text);
+    }
+
+    fn notice_missing(&self, lost: &Lost, shelf: Shelf, digest: &Digest) {
+        if *lost == Lost::Missing {
+            self.notice(format!("the store has lost the {} `{digest}`, which is made again", shelf.noun()));
+        }
+    }
+
     /// Whether there is any result at all.
     pub fn has_results(&self) -> bool {
         self.objects.has_any(Shelf::Results)
@@ -81,7 +124,7 @@ impl Library {
         let name = key.to_string();
         let record: T = match self.text(shelf, &name, RECORD_LIMIT).map(|text| parse_record(&text)) {
             Ok(Some(record)) => record,
-            Ok(None) => return Err(self.damaged(shelf, &name, "its text does not agree with its digest")),
+            Ok(None) => return Err(self.damaged(shelf, &name, DISAGREES)),
             Err(error) => return Err(self.lost(shelf, &name, &error)),
         };
         if record.schema() != RECORD_VERSION {
@@ -107,8 +150,44 @@ impl Library {
 
     /// A cache by its name; `None` if it is not there or damaged, which is the same to its reader.
     pub fn note(&self, name: &str) -> Option<String> {
-        let text = self.text(Shelf::Notes, name, NOTE_LIMIT).ok()?;
-        unseal(&text).map(str::to_owned)
+        self.checked_note(name).ok()
+    }
+
+    /// A cache by its name.
+    pub fn checked_note(&self, name: &str) -> Result<String, Lost> {
+        let text = self.text(Shelf::Notes, name, NOTE_LIMIT).map_err(|error| self.lost(Shelf::Notes, name, &error))?;
+        unseal(&text).map(str::to_owned).ok_or_else(|| self.damaged(Shelf::Notes, name, DISAGREES))
+    }
+
+    /// Hashes all of a blob, of whatever size it is.
+    pub fn verify_blob(&self, digest: &Digest) -> Result<(), Lost> {
+        let name = digest.to_string();
+        let reader = self.objects.open(Shelf::Blobs, &name).map_err(|error| self.lost(Shelf::Blobs, &name, &error))?;
+        match Digest::of_reader(reader) {
+            Ok((found, _)) if found == *digest => Ok(()),
+            Ok(_) => Err(self.damaged(Shelf::Blobs, &name, DISAGREES)),
+            Err(error) => Err(self.unreadable(Shelf::Blobs, &name, &error)),
+        }
+    }
+
+    /// A cache, if it is sound; nothing is said or set aside if not.
+    pub fn glance_at_note(&self, name: &str) -> Option<String> {
+        unseal(&self.text(Shelf::Notes, name, NOTE_LIMIT).ok()?).map(str::to_owned)
+    }
+
+    /// The record of a result, if it is sound; nothing is said or set aside if not.
+    pub fn glance_at_result(&self, key: &Digest) -> Option<ResultRecord> {
+        parse_record(&self.text(Shelf::Results, &key.to_string(), RECORD_LIMIT).ok()?)
+    }
+
+    /// The same of an encoded file.
+    pub fn glance_at_publication(&self, key: &Digest) -> Option<PublicationRecord> {
+        parse_record(&self.text(Shelf::Publications, &key.to_string(), RECORD_LIMIT).ok()?)
+    }
+
+    /// Takes an object out of use.
+    pub fn set_aside(&self, shelf: Shelf, name: &str) {
+        self.objects.set_aside(shelf, name);
     }
 
     /// Writes a cache, in place of an earlier one.
@@ -168,26 +247,27 @@ impl Library {
         });
         match read {
             Ok(artifact) if reader.finish() == (blob.digest, blob.size) => Ok(artifact),
-            Ok(_) => Err(self.damaged_blob(blob, "its bytes do not agree with its digest")),
+            Ok(_) => Err(self.damaged_blob(blob, DISAGREES)),
+            // An artifact that cannot be read from these bytes: they are not what was written.
             Err(error) if is_of_the_object(&error) => Err(self.damaged_blob(blob, &error.to_string())),
-            Err(error) => Err(Lost::Damaged(error.to_string())),
+            Err(error) => Err(self.unreadable(Shelf::Blobs, &blob.digest.to_string(), &error)),
         }
     }
 
     /// Copies a blob's bytes, verified: on an error what was written so far must not be used.
     pub fn copy_blob(&self, blob: &Blob, out: &mut dyn Write) -> Result<(), CopyError> {
         let mut reader = HashingReader::new(self.open(blob).map_err(CopyError::Lost)?);
-        let mut buffer = vec![0; READ_SIZE.min(blob.size as usize + 1)];
+        let mut buffer = vec![0; READ_SIZE.min(blob.size.saturating_add(1) as usize)];
         loop {
             match reader.read(&mut buffer) {
                 Ok(0) => break,
                 Ok(count) => out.write_all(&buffer[..count]).map_err(CopyError::Target)?,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(CopyError::Lost(self.damaged_blob(blob, &error.to_string()))),
+                Err(error) => return Err(CopyError::Lost(self.unreadable(Shelf::Blobs, &blob.digest.to_string(), &error))),
             }
         }
         if reader.finish() != (blob.digest, blob.size) {
-            return Err(CopyError::Lost(self.damaged_blob(blob, "its bytes do not agree with its digest")));
+            return Err(CopyError::Lost(self.damaged_blob(blob, DISAGREES)));
         }
         Ok(())
     }
@@ -199,22 +279,34 @@ impl Library {
         let name = blob.digest.to_string();
         match self.objects.open(Shelf::Blobs, &name) {
             // One byte more than there should be is enough to see that it is too long.
-            Ok(reader) => Ok(Box::new(reader.take(blob.size + 1))),
-            Err(error) => Err(self.lost(Shelf::Blobs, &name, &error)),
+            Ok(reader) => Ok(Box::new(reader.take(blob.size.saturating_add(1)))),
+            Err(error) => {
+                Err(self.lost(Shelf::Blobs, &name, &error)).inspect_err(|lost| self.notice_missing(lost, Shelf::Blobs, &blob.digest))
+            }
         }
     }
 
     fn damaged_blob(&self, blob: &Blob, what: &str) -> Lost {
         match blob.inline {
-            Some(_) => Lost::Damaged(format!("blob `{}`: {what}", blob.digest)),
+            // The record that holds the bytes agrees with its digest, and yet they do not: it was made so.
+            Some(_) => self.noticed(format!("blob `{}`: {what}", blob.digest)),
             None => self.damaged(Shelf::Blobs, &blob.digest.to_string(), what),
         }
     }
 
     fn damaged(&self, shelf: Shelf, name: &str, what: &str) -> Lost {
-        self.objects.set_aside(shelf, name);
-        let thing = if shelf == Shelf::Blobs { "blob" } else { "record" };
-        Lost::Damaged(format!("{thing} `{name}`: {what}"))
+        let moved = self.objects.set_aside(shelf, name);
+        let place = moved.map(|path| format!(" (kept as `{}`)", path.display())).unwrap_or_default();
+        self.noticed(format!("{} `{name}`: {what}{place}", shelf.noun()))
+    }
+
+    fn unreadable(&self, shelf: Shelf, name: &str, error: &io::Error) -> Lost {
+        self.noticed(format!("{} `{name}` cannot be read: {error}", shelf.noun()))
+    }
+
+    fn noticed(&self, what: String) -> Lost {
+        self.notice(format!("the store was damaged and is repaired: {what}"));
+        Lost::Damaged(what)
     }
 
     fn lost(&self, shelf: Shelf, name: &str, error: &io::Error) -> Lost {
@@ -222,10 +314,13 @@ impl Library {
             io::ErrorKind::NotFound => Lost::Missing,
             _ if is_of_the_object(error) => self.damaged(shelf, name, &error.to_string()),
             // Too many open files, a disk that does not answer: says nothing of the object.
-            _ => Lost::Damaged(format!("`{name}` cannot be read: {error}")),
+            _ => self.unreadable(shelf, name, error),
         }
     }
 }
+
+const DISAGREES: &str = "its bytes do not agree with its digest";
+const NO_PANIC: &str = "no one panics while noting a loss";
 
 /// Whether an error comes from what stands in the store rather than from the system's state.
 fn is_of_the_object(error: &io::Error) -> bool {

@@ -2,12 +2,17 @@
 //!
 //! `objects` is the small trait that a local folder, a shared folder or a bucket stands behind; `folder` the
 //! local one; `record` what a record says; `library` reads and writes blobs and records through the trait and
-//! trusts nothing that it reads; `committer` makes results durable in groups; `index` and the file of stat
-//! signatures are caches that can be rebuilt.
+//! trusts nothing that it reads; `committer` makes results durable in groups; `claims` says who is computing what, which
+//! saves work and decides nothing; `index` and the file of stat signatures are caches that can be rebuilt. `inventory`,
+//! `verification` and `collection` look after a store as a whole.
 
+pub mod claims;
+pub mod collection;
 pub mod committer;
 pub mod folder;
 pub mod index;
+pub mod inventory;
 pub mod library;
 pub mod objects;
 pub mod record;
+pub mod verification;

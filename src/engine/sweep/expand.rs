@@ -155,7 +155,7 @@ fn folder_of(file: &Path) -> PathBuf {
 }
 
 fn sources(sources: &Sources, folder: &Path) -> Vec<Source> {
-    let files = sources.files().iter();
+    let files = sources.files();
     files.map(|file| Source { path: relative(Path::new(&file.shown), folder), text: file.text.clone() }).collect()
 }
 
@@ -311,16 +311,19 @@ impl<'r> Layout<'_, 'r, '_> {
         let seed = instance.draws().then(|| own_seed(&roles).unwrap_or(world.document.seed));
         let publications = self.publications(stage, typed, &coordinate, findings);
         let parameters = instance.parameters();
+        let in_key = |field: &RoleField| json!({ "file": field.path.to_string() });
         // They differ in how files are named alone.
         let reads_files = roles.iter().any(|field| field.role == Role::File);
         let shown_file = |field: &RoleField| recorded(field).map_or_else(|| self.shown_file(&field.node), |input| json!(input.shown));
         let shown = reads_files.then(|| self.described(draft, parameters.clone(), &roles, seed, shown_file));
-        let canonical = self.described(draft, parameters, &roles, seed, |field| json!({ "file": field.path.to_string() }));
+        let canonical = self.described(draft, parameters, &roles, seed, in_key);
+        let prefixes = instance.prefixes().into_iter().map(|prefix| self.described(draft, prefix, &roles, seed, in_key)).collect();
         let shown = shown.unwrap_or_else(|| canonical.clone());
         let is_selected = |selections: &[Selection]| selections.iter().any(|one| one.stage == stage && one.takes(&placed.relation, row));
         Some(JobNode {
             stage,
             coordinate,
+            prefixes,
             parameters: instance,
             canonical,
             shown,

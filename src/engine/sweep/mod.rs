@@ -1,12 +1,13 @@
 //! From a document to the graph: every stage checked, every reference resolved, every job laid out.
 //!
-//! Reading order: `draft` (one stage by itself), `resolve` (references, order, axes), `typing` (what flows),
+//! Reading order: `sections` (parameters in files of their own), `draft` (one stage by itself), `resolve` (references, order, axes), `typing` (what flows),
 //! `expand` (jobs). Each step collects its mistakes; nothing is expanded while there are any. Looks at
 //! the world only to see whether input files can be read.
 
 mod draft;
 mod expand;
 mod resolve;
+mod sections;
 #[cfg(test)]
 mod tests;
 mod typing;
@@ -50,6 +51,7 @@ fn built(registry: &Registry, request: &Request, sources: &mut Sources, findings
     };
     let axes: Vec<Axis> = document.axes.iter().map(|entry| read(entry, findings)).collect();
     warn_of_references_in_parameters(&document, &axes, findings);
+    sections::put_in(&mut document, &axes, sources, findings);
     let (limit, inputs) = (request.max_jobs, request.inputs.as_ref());
     let world = World { registry, document, axes, sources, limit, inputs, rules: RefCell::default() };
     let drafts = drafts(&world, findings);

@@ -9,5 +9,6 @@ pub mod estimators;
 pub mod exact;
 pub mod limits;
 pub mod sphere;
+pub mod supersample;
 pub mod turned;
 pub mod views;

@@ -1,0 +1,273 @@
+//! Who is computing what: claims, which save work and decide nothing.
+//!
+//! A job that takes a while is claimed by a link `claims/KEY` whose text names its owner: making a link is one call
+//! that exactly one of many wins, and there is never half a claim. The owner renews the link's time. Another run
+//! that comes to the same job waits for the record, or takes the job over when the owner is gone: at once where its
+//! process can be looked for, else when the claim was not renewed for [`PATIENCE`], as seen by the looker's own clock,
+//! so that clocks need not agree. Where links cannot be made, or two runs both think that a job is theirs, it is
+//! computed twice and nothing else happens. The record in the store alone says that a job is done.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant, SystemTime};
+
+use crate::engine::digest::Digest;
+use crate::engine::files;
+use crate::engine::owner::{Owner, host_name};
+
+/// Claims that were not renewed for so long are no claims.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// How often an owner renews its claims.
+pub const HEARTBEAT: Duration = Duration::from_secs(5);
+
+/// The claims of a store, as one run sees them.
+#[derive(Debug)]
+pub struct Claims {
+    folder: PathBuf,
+    folder_mode: u32,
+    /// Text of our claims.
+    text: String,
+    /// Claims of others whose process cannot be looked for: their time, and since when they have it.
+    watched: HashMap<Digest, (SystemTime, Instant)>,
+}
+
+/// Who holds a claim.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Holder {
+    host: String,
+    process: u32,
+}
+
+impl fmt::Display for Holder {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(out, "process {} on {}", self.process, self.host)
+    }
+}
+
+impl Claims {
+    /// The claims in a folder, which need not exist; `folder_mode` is for making it.
+    pub fn in_folder(folder: PathBuf, folder_mode: u32) -> Self {
+        static COUNTER: AtomicU64 = AtomicU64::new(0);
+        let run = COUNTER.fetch_add(1, Ordering::Relaxed);
+        let text = format!("{}-{run}-{}", Owner::this_process(), host_name());
+        Self { folder, folder_mode, text, watched: HashMap::new() }
+    }
+
+    /// Another run that is computing this; `None` if it may be begun, as far as one can see.
+    pub fn holder(&mut self, key: &Digest) -> Option<Holder> {
+        let path = self.path(key);
+        let held = files::link_text(&path).ok().and_then(|text| self.holder_by(&path, key, text.to_str()?));
+        if held.is_none() {
+            self.watched.remove(key);
+        }
+        held
+    }
+
+    fn holder_by(&mut self, path: &Path, key: &Digest, text: &str) -> Option<Holder> {
+        if text == self.text {
+            return None;
+        }
+        let (owner, rest) = Owner::parse(text)?;
+        let modified = files::link_status(path).ok()?.modified().ok()?;
+        let watched = self.watched.entry(*key).or_insert_with(|| (modified, Instant::now()));
+        if watched.0 != modified {
+            *watched = (modified, Instant::now());
+        }
+        // A process that was stopped lives, but does not work.
+        let is_dead = watched.1.elapsed() > PATIENCE || (owner.is_in_sight() && !owner.is_alive());
+        if is_dead {
+            remove_if(path, text);
+            return None;
+        }
+        let host = rest.split_once('-').map_or("", |(_, host)| host);
+        Some(Holder { host: host.to_owned(), process: owner.process() })
+    }
+
+    /// Says that this run computes that; `None` if another has said so, or if it cannot be said here.
+    pub fn take(&self, key: &Digest) -> Option<Claim> {
+        let path = self.path(key);
+        let make = || files::link(&path, &self.text);
+        let made = make().or_else(|error| match error.kind() {
+            io::ErrorKind::NotFound => {
+                files::make_folder(&self.folder, self.folder_mode)?;
+                make()
+            }
+            // A file server may answer the repetition of a call that had succeeded.
+            io::ErrorKind::AlreadyExists if is_text(&path, &self.text) => Ok(()),
+            _ => Err(error),
+        });
+        made.is_ok().then(|| Claim { path, text: self.text.clone(), renewed: Instant::now() })
+    }
+
+    /// Removes the claims of processes that can be seen to be gone.
+    pub fn remove_dead(&self) {
+        let Ok(entries) = files::list(&self.folder) else { return };
+        for path in entries.flatten().map(|entry| entry.path()) {
+            let text = files::link_text(&path).ok().and_then(|text| text.to_str().map(str::to_owned));
+            if let Some(text) = text
+                && Owner::parse(&text).is_some_and(|(owner, _)| owner.is_in_sight() && !owner.is_alive())
+            {
+                remove_if(&path, &text);
+            }
+        }
+    }
+
+    fn path(&self, key: &Digest) -> PathBuf {
+        self.folder.join(key.to_string())
+    }
+}
+
+/// Says, while it is there, that this run computes something.
+#[derive(Debug)]
+pub struct Claim {
+    path: PathBuf,
+    text: String,
+    renewed: Instant,
+}
+
+impl Claim {
+    /// To be called often: renews the claim when that is due.
+    pub fn keep_alive(&mut self) {
+        if self.renewed.elapsed() < HEARTBEAT {
+            return;
+        }
+        self.renewed = Instant::now();
+        // Whoever overtook us keeps the claim.
+        if is_text(&self.path, &self.text) {
+            let _ = files::touch_link(&self.path);
+        }
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        remove_if(&self.path, &self.text);
+    }
+}
+
+fn is_text(path: &Path, text: &str) -> bool {
+    files::link_text(path).is_ok_and(|found| found.to_str() == Some(text))
+}
+
+/// Removes a claim that still has that text. If another takes its place in between, a job is computed twice.
+fn remove_if(path: &Path, text: &str) {
+    if is_text(path, text) {
+        let _ = files::remove(path);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    fn two_runs() -> (tempfile::TempDir, Claims, Claims) {
+        let folder = tempfile::tempdir().unwrap();
+        let claims = || Claims::in_folder(folder.path().join("claims"), 0o700);
+        let (one, two) = (claims(), claims());
+        (folder, one, two)
+    }
+
+    #[test]
+    fn one_of_two_runs_has_a_claim_until_it_lets_go() {
+        let (_folder, mut one, mut two) = two_runs();
+        let key = Digest::of(b"job");
+        assert_eq!((one.holder(&key), two.holder(&key)), (None, None));
+        let claim = one.take(&key).unwrap();
+        assert!(two.take(&key).is_none());
+        assert_eq!(one.holder(&key), None, "our own does not keep us waiting");
+        assert_eq!(two.holder(&key).unwrap().process, std::process::id());
+        drop(claim);
+        assert_eq!(two.holder(&key), None);
+        assert!(two.take(&key).is_some());
+    }
+
+    #[test]
+    fn exactly_one_of_many_threads_wins_a_claim() {
+        let (_folder, one, _) = two_runs();
+        let key = Digest::of(b"job");
+        let others: Vec<Claims> = (0..8).map(|_| Claims::in_folder(one.folder.clone(), 0o700)).collect();
+        let claims: Vec<Option<Claim>> = std::thread::scope(|scope| {
+            let threads: Vec<_> = others.iter().map(|claims| scope.spawn(|| claims.take(&key))).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        });
+        assert_eq!(claims.iter().flatten().count(), 1);
+    }
+
+    #[test]
+    fn a_dead_owner_blocks_no_one_and_its_claim_goes() {
+        let (folder, mut one, _) = two_runs();
+        let key = Digest::of(b"job");
+        drop(one.take(&key));
+        // No process of this machine has started at tick 1 under our own id.
+        let this = Owner::this_process().to_string();
+        let dead = format!("{}-1-0-host", this.rsplit_once('-').unwrap().0);
+        let path = folder.path().join("claims").join(key.to_string());
+        symlink(&dead, &path).unwrap();
+        assert_eq!(one.holder(&key), None);
+        assert!(!path.is_symlink());
+        symlink(&dead, &path).unwrap();
+        symlink("0badb007-17-5-0-elsewhere", folder.path().join("claims").join(Digest::of(b"other").to_string())).unwrap();
+        one.remove_dead();
+        assert!(!path.is_symlink());
+        assert_eq!(one.holder(&Digest::of(b"other")).unwrap().to_string(), "process 17 on elsewhere");
+    }
+
+    #[test]
+    fn a_claim_from_elsewhere_counts_while_it_is_renewed() {
+        let (folder, mut one, _) = two_runs();
+        let key = Digest::of(b"job");
+        std::fs::create_dir(folder.path().join("claims")).unwrap();
+        let path = folder.path().join("claims").join(key.to_string());
+        symlink("0badb007-17-5-0-elsewhere", &path).unwrap();
+        assert!(one.holder(&key).is_some());
+        // As if it had been seen long ago with the same time; then it is renewed; then not again.
+        let age = |one: &mut Claims| {
+            let watched = one.watched.get_mut(&key).unwrap();
+            watched.1 = Instant::now().checked_sub(PATIENCE + Duration::from_secs(1)).unwrap();
+        };
+        age(&mut one);
+        files::touch_link(&path).unwrap();
+        assert!(one.holder(&key).is_some(), "renewed");
+        age(&mut one);
+        assert_eq!(one.holder(&key), None, "given up");
+        assert!(one.take(&key).is_some(), "overtaken");
+    }
+
+    #[test]
+    fn who_was_overtaken_leaves_the_new_claim_alone() {
+        let (_folder, one, two) = two_runs();
+        let key = Digest::of(b"job");
+        let mut first = one.take(&key).unwrap();
+        remove_if(&first.path, &first.text);
+        let second = two.take(&key).unwrap();
+        first.renewed = Instant::now().checked_sub(HEARTBEAT).unwrap();
+        first.keep_alive();
+        drop(first);
+        assert!(is_text(&second.path, &two.text));
+    }
+
+    #[test]
+    fn odd_things_in_the_folder_of_claims_are_no_claims() {
+        let (folder, mut one, _) = two_runs();
+        let key = Digest::of(b"job");
+        let path = folder.path().join("claims").join(key.to_string());
+        std::fs::create_dir(folder.path().join("claims")).unwrap();
+        std::fs::write(&path, "text").unwrap();
+        assert_eq!(one.holder(&key), None);
+        assert!(one.take(&key).is_none(), "computed without a claim");
+        std::fs::remove_file(&path).unwrap();
+        symlink("no owner", &path).unwrap();
+        assert_eq!(one.holder(&key), None);
+        std::fs::remove_dir_all(folder.path().join("claims")).unwrap();
+        std::fs::write(folder.path().join("claims"), "a file").unwrap();
+        assert_eq!(one.holder(&key), None);
+        assert!(one.take(&key).is_none());
+        one.remove_dead();
+    }
+}

@@ -1,0 +1,226 @@
+//! Measures of a BSDF by quadrature: directional albedo, the integral of its density, and how drawing fits the density.
+//!
+//! Independent of how directions are drawn: nodes lie on a grid of slopes of facets, mirrored and refracted in double
+//! precision, or on a grid of the hemisphere. Delta lobes are no part of the integrals.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec3};
+
+use crate::math::elementary;
+use crate::math::statistics::{ChiSquareTest, chi_square_test};
+use crate::math::stream::{Purpose, Stream};
+use crate::render::bsdf::{Bsdf, BsdfSample, Lobe, Transport};
+
+/// At least one of each kind, over their choices, as a person writes them: what tests and benchmarks walk.
+pub const EXAMPLES: [&str; 22] = [
+    "diffuse: { reflectance: [0.2, 0.5, 0.8] }",
+    "mirror: { reflectance: 0.9 }",
+    "dielectric: {}",
+    "dielectric: { eta: 0.75, fresnel: schlick, transmittance: [1, 0.9, 0.8] }",
+    "conductor: { metal: copper }",
+    "conductor: { eta: [0.2, 0.9, 1.1], k: [3.9, 2.4, 2.1], fresnel: approximate }",
+    "rough-conductor: { metal: gold, alpha: 0.005 }",
+    "rough-conductor: { metal: gold, alpha: 0.05, distribution: beckmann }",
+    "rough-conductor: { metal: gold, alpha: 0.25 }",
+    "rough-conductor: { metal: gold, alpha: 0.25, distribution: beckmann }",
+    "rough-conductor: { metal: ideal, alpha: 0.5, masking: separable }",
+    "rough-conductor: { metal: ideal, alpha: 0.5, distribution: beckmann, masking: separable, sampling: all-normals }",
+    "rough-conductor: { metal: platinum, alpha: 1, distribution: beckmann }",
+    "rough-conductor: { metal: silver, alpha: 1, sampling: all-normals }",
+    "rough-dielectric: { alpha: 0.005 }",
+    "rough-dielectric: { alpha: 0.1, distribution: beckmann }",
+    "rough-dielectric: { alpha: 0.5 }",
+    "rough-dielectric: { alpha: 0.5, eta: 0.7, sampling: all-normals, masking: separable }",
+    "rough-dielectric: { alpha: 0.3, eta: 1.33, distribution: beckmann, fresnel: schlick }",
+    "plastic: { diffuse: [0.2, 0.5, 0.8] }",
+    "plastic: { diffuse: 0.9, nonlinear: true, eta: 1.9 }",
+    "plastic: { diffuse: 0.5, specular: 0, one_sided: true }",
+];
+
+/// A BSDF seen from one direction.
+#[derive(Debug, Clone, Copy)]
+pub struct View {
+    /// The BSDF.
+    pub bsdf: Bsdf,
+    /// Unit vector away from the surface.
+    pub outgoing: Vec3,
+}
+
+/// What decides where the nodes of a quadrature lie.
+#[derive(Debug, Clone, Copy)]
+struct Shape {
+    /// Width of the lobe as a slope.
+    alpha: f64,
+    /// Relative index, if the lobe has a part on the other side.
+    eta: Option<f64>,
+    /// Whether the lobe is made of facets.
+    is_facets: bool,
+}
+
+impl View {
+    /// From that angle to the normal in degrees, in the plane of x and z; beyond 90 degrees from behind.
+    pub fn at_degrees(bsdf: Bsdf, degrees: f64) -> Self {
+        let (sine, cosine) = elementary::sin_cos(degrees * PI / 180.0);
+        Self { bsdf, outgoing: DVec3::new(sine, 0.0, cosine).as_vec3() }
+    }
+
+    fn shape(&self) -> Shape {
+        match self.bsdf.lobe() {
+            Lobe::RoughConductor(lobe) => Shape { alpha: f64::from(lobe.facets.alpha), eta: None, is_facets: true },
+            Lobe::RoughDielectric(lobe) => {
+                let eta = f64::from(lobe.relative_index(self.outgoing));
+                Shape { alpha: f64::from(lobe.facets.alpha), eta: Some(eta), is_facets: true }
+            }
+            _ => Shape { alpha: 1.0, eta: None, is_facets: false },
+        }
+    }
+
+    /// Visits the nodes of a quadrature over incoming directions: direction and solid angle.
+    ///
+    /// `resolution` is the number of steps in slope or height; there are twice as many around.
+    pub fn for_each_node(&self, resolution: u32, mut visit: impl FnMut(DVec3, f64)) {
+        let shape = self.shape();
+        let outgoing = self.outgoing.as_dvec3();
+        let side = outgoing.z.signum();
+        for step in 0..resolution {
+            for turn in 0..2 * resolution {
+                let (sine, cosine) = elementary::sin_cos(PI * (f64::from(turn) + 0.5) / f64::from(resolution));
+                // Steps are shifted from turn to turn, so that no ring of nodes lies along the edge of a cell.
+                let shift = (f64::from(turn) * GOLDEN).fract();
+                let t = (f64::from(step) + shift) / f64::from(resolution);
+                let share = 1.0 / f64::from(resolution) * PI / f64::from(resolution);
+                if shape.is_facets {
+                    // Slopes alpha t / (1 - t): as many nodes in the tail as in the peak.
+                    let slope = shape.alpha * t / (1.0 - t);
+                    let half = DVec3::new(slope * cosine, slope * sine, 1.0).normalize();
+                    let area = slope * shape.alpha / ((1.0 - t) * (1.0 - t)) * share;
+                    visit_facet(&shape, outgoing, half * DVec3::new(1.0, 1.0, side), area * half.z * half.z * half.z, &mut visit);
+                } else {
+                    let radius = (1.0 - t * t).sqrt();
+                    visit(DVec3::new(radius * cosine, radius * sine, side * t), share);
+                }
+            }
+        }
+    }
+
+    /// The integral of value times |cosine| over incoming directions, for each channel.
+    pub fn directional_albedo(&self, resolution: u32, transport: Transport) -> DVec3 {
+        let mut sum = DVec3::ZERO;
+        self.for_each_node(resolution, |incoming, solid_angle| {
+            sum += self.bsdf.evaluate(self.outgoing, incoming.as_vec3(), transport).as_dvec3() * solid_angle;
+        });
+        sum
+    }
+
+    /// The integral of the density over incoming directions: one less the probability of drawing none or a delta lobe.
+    pub fn integral_of_pdf(&self, resolution: u32) -> f64 {
+        let mut sum = 0.0;
+        self.for_each_node(resolution, |incoming, solid_angle| sum += self.pdf(incoming) * solid_angle);
+        sum
+    }
+
+    fn pdf(&self, incoming: DVec3) -> f64 {
+        f64::from(self.bsdf.pdf(self.outgoing, incoming.as_vec3()))
+    }
+
+    /// Draws the sample of that index out of independent ones.
+    pub fn draw(&self, stream: &Stream, index: u64, transport: Transport) -> Option<BsdfSample> {
+        let mut numbers = stream.generator(index);
+        let mut uniform = || (numbers.uniform() as f32).min(1.0 - f32::EPSILON / 2.0);
+        let (choice, point) = (uniform(), [uniform(), uniform()]);
+        self.bsdf.sample(self.outgoing, choice, point, transport)
+    }
+
+    /// The mean weight of drawn directions, delta lobes included, and its standard error.
+    pub fn mean_weight(&self, count: u32, seed: u64, transport: Transport) -> (f64, f64) {
+        let stream = Stream::new(seed, Purpose::Test);
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for index in 0..u64::from(count) {
+            let weight = self.draw(&stream, index, transport).map_or(0.0, |sample| f64::from(sample.weight.element_sum() / 3.0));
+            sum += weight;
+            squares += weight * weight;
+        }
+        let n = f64::from(count);
+        (sum / n, ((squares / n - (sum / n) * (sum / n)).max(0.0) / (n - 1.0)).sqrt())
+    }
+
+    /// Whether drawn directions fall into cells as their density says; failures and delta lobes share a cell.
+    pub fn chi_square(&self, count: u32, seed: u64, resolution: u32) -> ChiSquareTest {
+        chi_square_test(&self.counts(count, seed), &self.expectations(count, resolution))
+    }
+
+    /// How many of `count` drawn directions fall into each cell.
+    pub fn counts(&self, count: u32, seed: u64) -> Vec<u64> {
+        let stream = Stream::new(seed, Purpose::Test);
+        let mut counts = vec![0; CELL_COUNT + 1];
+        for index in 0..u64::from(count) {
+            let smooth = self.draw(&stream, index, Transport::Energy).filter(|sample| !sample.is_delta);
+            let cell = smooth.map_or(CELL_COUNT, |sample| self.cell(sample.direction.as_dvec3()));
+            counts[cell] += 1;
+        }
+        counts
+    }
+
+    /// How many of `count` directions should fall into each cell.
+    pub fn expectations(&self, count: u32, resolution: u32) -> Vec<f64> {
+        let mut shares = vec![0.0; CELL_COUNT + 1];
+        self.for_each_node(resolution, |incoming, solid_angle| shares[self.cell(incoming)] += self.pdf(incoming) * solid_angle);
+        let drawn: f64 = shares.iter().sum();
+        shares[CELL_COUNT] = (1.0 - drawn).max(0.0);
+        // A cell that lies between the nodes is not impossible, only rare.
+        shares.into_iter().map(|share| share.max(1e-9) * f64::from(count)).collect()
+    }
+
+    /// Cells are rings and sectors about the mirrored, the refracted or the normal direction, finer towards it.
+    fn cell(&self, incoming: DVec3) -> usize {
+        let shape = self.shape();
+        let outgoing = self.outgoing.as_dvec3();
+        let is_transmitted = incoming.z * outgoing.z < 0.0;
+        let center = match (shape.is_facets, is_transmitted) {
+            (false, _) => DVec3::Z * outgoing.z.signum(),
+            (true, false) => DVec3::new(-outgoing.x, -outgoing.y, outgoing.z),
+            (true, true) => straight_through(outgoing, shape.eta.unwrap_or(1.0)),
+        };
+        let distance = (incoming - center).length() / shape.alpha;
+        let ring = (RINGS as f64 * distance / (distance + 1.0)) as usize;
+        let sector = elementary::atan2(incoming.y - center.y, incoming.x - center.x).rem_euclid(TAU) / TAU * SECTORS as f64;
+        (usize::from(is_transmitted) * RINGS + ring.min(RINGS - 1)) * SECTORS + (sector as usize).min(SECTORS - 1)
+    }
+}
+
+/// Multiples of it are spread evenly between whole numbers.
+const GOLDEN: f64 = 0.618_033_988_749_894_8;
+
+const RINGS: usize = 12;
+const SECTORS: usize = 16;
+const CELL_COUNT: usize = 2 * RINGS * SECTORS;
+
+/// Visits the directions into which a facet of that normal and solid angle mirrors and refracts.
+fn visit_facet(shape: &Shape, outgoing: DVec3, half: DVec3, solid_angle: f64, visit: &mut impl FnMut(DVec3, f64)) {
+    let cos_oh = outgoing.dot(half);
+    if cos_oh <= 0.0 {
+        return;
+    }
+    let mirrored = 2.0 * cos_oh * half - outgoing;
+    if mirrored.z * outgoing.z > 0.0 {
+        visit(mirrored, 4.0 * cos_oh * solid_angle);
+    }
+    let Some(eta) = shape.eta else { return };
+    let sine2 = (1.0 - cos_oh * cos_oh) / (eta * eta);
+    if sine2 >= 1.0 {
+        return;
+    }
+    let cos_ih = -(1.0 - sine2).sqrt();
+    let refracted = (half * cos_oh - outgoing) / eta + half * cos_ih;
+    if refracted.z * outgoing.z < 0.0 {
+        let length = cos_oh + eta * cos_ih;
+        visit(refracted.normalize(), length * length / (eta * eta * cos_ih.abs()) * solid_angle);
+    }
+}
+
+/// Where a flat boundary refracts; along the boundary where it reflects everything.
+fn straight_through(outgoing: DVec3, eta: f64) -> DVec3 {
+    let (x, y) = (-outgoing.x / eta, -outgoing.y / eta);
+    DVec3::new(x, y, -outgoing.z.signum() * (1.0 - x * x - y * y).max(0.0).sqrt()).normalize()
+}

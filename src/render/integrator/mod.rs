@@ -1,0 +1,220 @@
+//! How radiance along a camera ray is estimated: one file per kind.
+//!
+//! `path` does the work of `direct` too, which is a path of one scattering. Everything a sample needs beyond the
+//! scene are its numbers, so any sample of any pixel can be computed by itself.
+
+pub mod normals;
+pub mod path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::render::bsdf::DirectionSampling;
+use crate::render::emitter::environment::Density;
+use crate::render::integrator::path::Transporter;
+
+/// How radiance is estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum IntegratorDescription {
+    /// Shading normals as colors, (n + 1) / 2; black where there is no surface.
+    Normals(NormalsParameters),
+    /// Light that reaches the camera after one scattering at most, besides that of emitters seen directly.
+    Direct(DirectParameters),
+    /// All light, along paths of any length (Kajiya 1986; multiple importance sampling of Veach and Guibas 1995).
+    Path(PathParameters),
+}
+
+impl Default for IntegratorDescription {
+    fn default() -> Self {
+        Self::Path(PathParameters::default())
+    }
+}
+
+/// Shading normals as colors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NormalsParameters {}
+
+/// Light after one scattering.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DirectParameters {
+    /// Which directions are tried at a surface. Default `mis`.
+    #[serde(default)]
+    pub strategy: Strategy,
+    /// How directions towards the environment are drawn. Default `importance`.
+    #[serde(default)]
+    pub environment: EnvironmentSampling,
+    /// Whether the environment's density leaves to scattering what scattering finds well enough (Karlik et al. 2019);
+    /// used with `strategy: mis` and `environment: importance` alone. Default true.
+    #[serde(default = "yes")]
+    pub mis_compensation: bool,
+    /// How a surface draws directions. Default `bsdf`.
+    #[serde(default)]
+    pub bsdf_sampling: DirectionSampling,
+    /// Directions towards emitters at each surface that a camera ray hits. Default 1.
+    #[serde(default = "one")]
+    #[schemars(range(min = 1, max = 4096))]
+    pub emitter_samples: u32,
+}
+
+/// Light along paths of any length.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PathParameters {
+    /// Most scatterings of a path: 0 shows emitters alone, 1 adds direct light. Light beyond is lost. Default 16.
+    #[serde(default = "max_depth")]
+    #[schemars(range(min = 0, max = 1_000_000))]
+    pub max_depth: u32,
+    /// Scatterings after which a path may end by chance, which loses nothing on average. Default 3.
+    #[serde(default = "roulette_depth")]
+    #[schemars(range(min = 0, max = 1_000_000))]
+    pub roulette_depth: u32,
+    /// Which directions are tried at a surface. Default `mis`.
+    #[serde(default)]
+    pub strategy: Strategy,
+    /// How directions towards the environment are drawn. Default `importance`.
+    #[serde(default)]
+    pub environment: EnvironmentSampling,
+    /// Whether the environment's density leaves to scattering what scattering finds well enough (Karlik et al. 2019);
+    /// used with `strategy: mis` and `environment: importance` alone. Default true.
+    #[serde(default = "yes")]
+    pub mis_compensation: bool,
+    /// How a surface draws directions. Default `bsdf`.
+    #[serde(default)]
+    pub bsdf_sampling: DirectionSampling,
+    /// Largest channel of what a path adds after its first scattering; more is scaled down. Loses light: biased.
+    /// Default none.
+    #[serde(default)]
+    #[schemars(range(max = 1e9), extend("exclusiveMinimum" = 0))]
+    pub clamp_indirect: Option<f32>,
+}
+
+/// Which directions are tried at a surface to find light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Strategy {
+    /// Those of emitters alone; mirrors and glass still find light by scattering.
+    Emitter,
+    /// Those of scattering alone. Points and parallel light, which it never hits, are drawn all the same.
+    Bsdf,
+    /// Both, each weighted by the power heuristic.
+    #[default]
+    Mis,
+}
+
+/// How directions towards the environment are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum EnvironmentSampling {
+    /// All directions alike.
+    Uniform,
+    /// In proportion to luminance.
+    #[default]
+    Importance,
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn one() -> u32 {
+    1
+}
+
+fn max_depth() -> u32 {
+    16
+}
+
+fn roulette_depth() -> u32 {
+    3
+}
+
+impl Default for DirectParameters {
+    fn default() -> Self {
+        Self {
+            strategy: Strategy::default(),
+            environment: EnvironmentSampling::default(),
+            mis_compensation: true,
+            bsdf_sampling: DirectionSampling::default(),
+            emitter_samples: 1,
+        }
+    }
+}
+
+impl Default for PathParameters {
+    fn default() -> Self {
+        Self {
+            max_depth: max_depth(),
+            roulette_depth: roulette_depth(),
+            strategy: Strategy::default(),
+            environment: EnvironmentSampling::default(),
+            mis_compensation: true,
+            bsdf_sampling: DirectionSampling::default(),
+            clamp_indirect: None,
+        }
+    }
+}
+
+/// An integrator of a scene.
+#[derive(Debug, Clone, Copy)]
+pub enum Integrator {
+    /// Normals as colors.
+    Normals,
+    /// Everything else.
+    Path(Transporter),
+}
+
+impl IntegratorDescription {
+    /// Ready to trace.
+    pub fn compiled(&self) -> Integrator {
+        match self {
+            Self::Normals(_) => Integrator::Normals,
+            Self::Direct(kind) => Integrator::Path(Transporter {
+                max_depth: 1,
+                roulette_depth: u32::MAX,
+                strategy: kind.strategy,
+                density: density(kind.environment, kind.strategy, kind.mis_compensation),
+                emitter_samples: kind.emitter_samples,
+                clamp_indirect: f32::INFINITY,
+            }),
+            Self::Path(kind) => Integrator::Path(Transporter {
+                max_depth: kind.max_depth,
+                roulette_depth: kind.roulette_depth,
+                strategy: kind.strategy,
+                density: density(kind.environment, kind.strategy, kind.mis_compensation),
+                emitter_samples: 1,
+                clamp_indirect: kind.clamp_indirect.unwrap_or(f32::INFINITY),
+            }),
+        }
+    }
+
+    /// How surfaces draw directions.
+    pub fn direction_sampling(&self) -> DirectionSampling {
+        match self {
+            Self::Normals(_) => DirectionSampling::default(),
+            Self::Direct(kind) => kind.bsdf_sampling,
+            Self::Path(kind) => kind.bsdf_sampling,
+        }
+    }
+
+    /// What the manifest must say of it.
+    pub fn caveats(&self) -> Vec<String> {
+        let clamp = match self {
+            Self::Path(kind) => kind.clamp_indirect,
+            Self::Normals(_) | Self::Direct(_) => None,
+        };
+        let said = |clamp| format!("`clamp_indirect: {clamp}` is biased: it loses the light of indirect paths beyond that");
+        clamp.map(said).into_iter().collect()
+    }
+}
+
+/// A compensated density needs scattering beside it, at every vertex.
+fn density(environment: EnvironmentSampling, strategy: Strategy, mis_compensation: bool) -> Density {
+    match (environment, strategy) {
+        (EnvironmentSampling::Uniform, _) => Density::Uniform,
+        (EnvironmentSampling::Importance, Strategy::Mis) if mis_compensation => Density::Compensated,
+        (EnvironmentSampling::Importance, _) => Density::Full,
+    }
+}

@@ -1,0 +1,225 @@
+//! Paths from the camera: light found at every vertex both by drawing lights and by scattering.
+//!
+//! A vertex draws from three sets of numbers: the light and the point on it, the direction of scattering, and the
+//! lobe with the roulette. Weights are the power heuristic in solid angle (Veach and Guibas 1995). The last allowed
+//! vertex still traces its scattered ray for emission, so both ways of finding light are there at every vertex;
+//! which is what a compensated density of the environment needs.
+
+use glam::Vec3;
+
+use crate::render::bsdf::Transport;
+use crate::render::bsdf::shading::Shading;
+use crate::render::emitter::environment::Density;
+use crate::render::film::Background;
+use crate::render::integrator::Strategy;
+use crate::render::ray::{Ray, Surface};
+use crate::render::sampler::{Numbers, unit};
+use crate::render::scene::compiled::Scene;
+use crate::render::texture::TexturePoint;
+
+/// Numbers of the camera: the place on the film, the place on the lens.
+pub const CAMERA_SETS: u32 = 2;
+/// Sets of a vertex.
+const VERTEX_SETS: u32 = 3;
+
+/// How paths are traced.
+#[derive(Debug, Clone, Copy)]
+pub struct Transporter {
+    /// Most scatterings.
+    pub max_depth: u32,
+    /// Scatterings after which a path may end by chance.
+    pub roulette_depth: u32,
+    /// Which directions are tried.
+    pub strategy: Strategy,
+    /// How the environment is drawn.
+    pub density: Density,
+    /// Draws of lights at a vertex.
+    pub emitter_samples: u32,
+    /// Largest channel of what is added after the first scattering.
+    pub clamp_indirect: f32,
+}
+
+/// What a camera ray sees first.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FirstHit {
+    /// Whether it sees a surface at all.
+    pub is_hit: bool,
+    /// Its albedo.
+    pub albedo: Vec3,
+    /// Its shading normal, towards the camera.
+    pub normal: Vec3,
+    /// Its distance.
+    pub depth: f32,
+}
+
+/// How the ray at hand was found, for the weight of the light that it hits.
+#[derive(Debug, Clone, Copy)]
+enum Origin {
+    /// By the camera or by a lobe that no drawing of lights could have found.
+    Unique,
+    /// By scattering at that point, with that density.
+    Scattered { reference: Vec3, pdf: f32 },
+}
+
+impl Transporter {
+    /// Paths without scattering, for what the camera sees first.
+    pub const EMITTERS_ALONE: Self = Self {
+        max_depth: 0,
+        roulette_depth: 0,
+        strategy: Strategy::Emitter,
+        density: Density::Uniform,
+        emitter_samples: 1,
+        clamp_indirect: f32::INFINITY,
+    };
+
+    /// Radiance along a camera ray, and what it sees first.
+    pub fn radiance(&self, scene: &Scene, camera_ray: Ray, numbers: &Numbers<'_>) -> (Vec3, FirstHit) {
+        let mut ray = camera_ray;
+        let mut first = FirstHit::default();
+        let (mut radiance, mut throughput) = (Vec3::ZERO, Vec3::ONE);
+        let mut origin = Origin::Unique;
+        let mut eta_squared = 1.0;
+        for depth in 0..=self.max_depth {
+            // Of the last ray only the light that it hits counts.
+            let is_last = depth == self.max_depth && depth > 0;
+            if is_last && !scene.lights.has_areas() {
+                if !scene.geometry.is_occluded(&ray) {
+                    radiance += self.limited(throughput * self.background(scene, ray.direction, origin), depth);
+                }
+                break;
+            }
+            let Some(hit) = scene.geometry.intersect(&ray) else {
+                if depth > 0 || scene.background == Background::Environment {
+                    radiance += self.limited(throughput * self.background(scene, ray.direction, origin), depth);
+                }
+                break;
+            };
+            let surface = scene.geometry.surface(&ray, &hit);
+            radiance += self.limited(throughput * self.emission(scene, &ray, &surface, origin), depth);
+            let outgoing = -ray.direction;
+            let point = TexturePoint { uv: surface.uv.into(), position: surface.position };
+            let bsdf = scene.material_of(surface.shape).at(&point);
+            if depth == 0 {
+                first = FirstHit::of(&surface, outgoing, bsdf.albedo(), hit.distance);
+            }
+            if depth == self.max_depth {
+                break;
+            }
+            let shading = Shading::new(bsdf, &surface.frame, surface.normal, outgoing);
+            let sets = CAMERA_SETS + VERTEX_SETS * depth;
+            if !bsdf.is_delta() {
+                let direct = self.direct(scene, &surface, &shading, numbers, sets);
+                radiance += self.limited(throughput * direct, depth + 1);
+            }
+            let choice = numbers.bits(sets + 2);
+            let Some(sample) = shading.sample(unit(choice[0]), numbers.pair(sets + 1), Transport::Radiance) else { break };
+            throughput *= sample.weight;
+            eta_squared *= sample.eta * sample.eta;
+            if depth >= self.roulette_depth {
+                let survival = (throughput.max_element() * eta_squared).min(0.95);
+                if unit(choice[1]) >= survival {
+                    break;
+                }
+                throughput /= survival;
+            }
+            if throughput == Vec3::ZERO {
+                break;
+            }
+            origin = if sample.is_delta { Origin::Unique } else { Origin::Scattered { reference: surface.position, pdf: sample.pdf } };
+            ray = surface.spawn(sample.direction);
+        }
+        (radiance, first)
+    }
+
+    /// Light by drawing lights from a vertex.
+    fn direct(&self, scene: &Scene, surface: &Surface, shading: &Shading, numbers: &Numbers<'_>, sets: u32) -> Vec3 {
+        if scene.lights.is_empty() {
+            return Vec3::ZERO;
+        }
+        let count = self.emitter_samples;
+        let mut sum = Vec3::ZERO;
+        for index in 0..count {
+            let bits = if count == 1 { numbers.bits(sets) } else { numbers.bits_of_part(sets, index, count) };
+            sum += self.light_once(scene, surface, shading, bits);
+        }
+        sum / count as f32
+    }
+
+    fn light_once(&self, scene: &Scene, surface: &Surface, shading: &Shading, bits: [u32; 2]) -> Vec3 {
+        let Some(light) = scene.lights.sample(&scene.geometry, surface.position, bits, self.density) else { return Vec3::ZERO };
+        let is_left_to_scattering = self.strategy == Strategy::Bsdf && !light.is_delta;
+        if is_left_to_scattering || light.pdf <= 0.0 || light.radiance == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let (value, scattering_pdf) = shading.evaluate_with_pdf(light.direction, Transport::Radiance);
+        if value == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let is_hidden = light.shadow_ray(surface).is_none_or(|ray| scene.geometry.is_occluded(&ray));
+        if is_hidden {
+            return Vec3::ZERO;
+        }
+        let weight = if light.is_delta || self.strategy == Strategy::Emitter {
+            1.0
+        } else {
+            power_heuristic(light.pdf * self.emitter_samples as f32, scattering_pdf)
+        };
+        value * light.radiance * (weight / light.pdf)
+    }
+
+    /// What the environment adds to a ray that hits nothing.
+    fn background(&self, scene: &Scene, direction: Vec3, origin: Origin) -> Vec3 {
+        match origin {
+            Origin::Unique => scene.lights.environment().map_or(Vec3::ZERO, |environment| environment.radiance(direction)),
+            Origin::Scattered { .. } if self.strategy == Strategy::Emitter => Vec3::ZERO,
+            Origin::Scattered { pdf, .. } => {
+                let Some((radiance, light_pdf)) = scene.lights.environment_towards(direction, self.density) else { return Vec3::ZERO };
+                radiance * self.weight_of_hit(pdf, light_pdf)
+            }
+        }
+    }
+
+    /// What a surface adds by its own light.
+    fn emission(&self, scene: &Scene, ray: &Ray, surface: &Surface, origin: Origin) -> Vec3 {
+        let Some(emitted) = scene.lights.emitted(surface, ray.direction) else { return Vec3::ZERO };
+        match origin {
+            Origin::Unique => emitted,
+            Origin::Scattered { .. } if self.strategy == Strategy::Emitter => Vec3::ZERO,
+            Origin::Scattered { reference, pdf } => {
+                emitted * self.weight_of_hit(pdf, scene.lights.area_pdf(&scene.geometry, reference, surface))
+            }
+        }
+    }
+
+    fn weight_of_hit(&self, scattering_pdf: f32, light_pdf: f32) -> f32 {
+        match self.strategy {
+            Strategy::Bsdf => 1.0,
+            Strategy::Emitter => 0.0,
+            Strategy::Mis => power_heuristic(scattering_pdf, light_pdf * self.emitter_samples as f32),
+        }
+    }
+
+    /// Scales down what is too bright, after the first scattering.
+    fn limited(&self, added: Vec3, scatterings: u32) -> Vec3 {
+        let largest = added.max_element();
+        if scatterings < 2 || largest <= self.clamp_indirect { added } else { added * (self.clamp_indirect / largest) }
+    }
+}
+
+impl FirstHit {
+    fn of(surface: &Surface, outgoing: Vec3, albedo: Vec3, depth: f32) -> Self {
+        let normal = surface.frame.normal;
+        let towards_camera = if normal.dot(outgoing) < 0.0 { -normal } else { normal };
+        Self { is_hit: true, albedo, normal: towards_camera, depth }
+    }
+}
+
+/// Weight of a draw with density `a` beside another way with density `b`: a² / (a² + b²), without overflow.
+#[inline]
+fn power_heuristic(a: f32, b: f32) -> f32 {
+    if a <= 0.0 {
+        return 0.0;
+    }
+    let ratio = b / a;
+    1.0 / (1.0 + ratio * ratio)
+}

@@ -1,0 +1,194 @@
+//! The kind `render`.
+
+use std::collections::BTreeMap;
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::catalogue::nearest;
+use crate::engine::job::Job;
+use crate::engine::parameter::{InputFile, Port, Section, Seed};
+use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
+use crate::image::raster::Image;
+use crate::light::envmap::EnvMap;
+use crate::light::lights::LightSet;
+use crate::render::film::sums::{Block, Film, Window};
+use crate::render::mesh::{Mesh, read};
+use crate::render::picture::{self, Request};
+use crate::render::scene::compiled::{Scene, SceneError, Surroundings};
+use crate::render::scene::{SceneDescription, SceneMistake};
+use crate::render::scene_file::SceneFile;
+use crate::render::shape::Shape;
+use crate::render::shape::mesh::MeshShape;
+
+/// Renders a scene by path tracing.
+///
+/// Right-handed, +y up. The map of `env` surrounds the scene and the lights of `lights` shine on it; both may be placed
+/// by entries of `emitters`. Samples are addressed by seed, pixel and index: the picture is the same for any number
+/// of threads, and a run with more samples goes on from one with a power of two of them.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Render {
+    /// The map that surrounds the scene.
+    #[serde(default)]
+    pub env: Option<Port<EnvMap>>,
+    /// Lights that shine on the scene, each from one direction.
+    #[serde(default)]
+    pub lights: Option<Port<LightSet>>,
+    /// Meshes that shapes name by `mesh: { of: NAME }`, so that they can come from other stages.
+    #[serde(default)]
+    pub meshes: BTreeMap<String, Port<Mesh>>,
+    /// The scene: its parameters, or the path of a YAML file that holds them.
+    pub scene: Section<SceneDescription>,
+    /// Another seed gives another, equally good picture; by default the pipeline's.
+    #[serde(default)]
+    pub seed: Seed,
+}
+
+impl Stage for Render {
+    const KIND: &'static str = "render";
+    const VERSION: u32 = 1;
+    const RESULTS: &'static [ResultDeclaration] =
+        &[ResultDeclaration { name: "", types: &["image"] }, ResultDeclaration { name: "film", types: &["film"] }];
+    type Output = (Image, Film);
+
+    fn draws(&self) -> bool {
+        true
+    }
+
+    fn mistakes(&self) -> Vec<Mistake> {
+        let of_scene = |SceneMistake { field, message, hint }| Mistake { field: format!("scene.{field}"), message, hint };
+        let mut mistakes: Vec<Mistake> = self.scene.0.mistakes().into_iter().map(of_scene).collect();
+        mistakes.extend(self.missing_ports());
+        mistakes.extend(self.mesh_mistakes());
+        mistakes
+    }
+
+    fn caveats(&self) -> Vec<String> {
+        self.scene.0.integrator.caveats()
+    }
+
+    /// The sums, the picture, and about as much for the scene as its inputs hold.
+    fn memory(&self, inputs: &InputSizes) -> u64 {
+        let film = &self.scene.0.film;
+        let per_pixel = 56 * u64::from(self.scene.0.replicates()) + 16 + 12 * film.layers.len() as u64;
+        film.pixel_count() as u64 * per_pixel + 2 * inputs.values().sum::<u64>()
+    }
+
+    /// The same with a smaller power of two of samples in each replicate.
+    fn prefixes(&self) -> Vec<Self> {
+        let scene = &self.scene.0;
+        let (count, replicates) = (scene.samples_per_replicate(), scene.replicates());
+        let counts = (0..count.max(1).ilog2() + 1).rev().map(|level| 1 << level).filter(|fewer| *fewer < count);
+        let with = |samples: NonZeroU32| {
+            let mut fewer = self.clone();
+            fewer.scene.0.sampler = scene.sampler.with_samples(samples);
+            fewer
+        };
+        let counts = counts.filter(|_| scene.sampler.is_prefix_stable());
+        counts.filter_map(|count: u32| NonZeroU32::new(count.checked_mul(replicates)?)).map(with).collect()
+    }
+
+    fn run(&self, job: &Job<'_>) -> Result<(Image, Film), StageError> {
+        let description = &self.scene.0;
+        let scene = self.compiled(job)?;
+        let start = job.earlier::<Film>();
+        let block = Block { first: 0, count: description.samples_per_replicate() };
+        let window = Window::whole(description.film.resolution);
+        let request = Request { window, block, replicates: description.replicates(), start: start.as_deref() };
+        let film = picture::render(&scene, &request, || job.check(), |part| job.report_progress(part))?;
+        warn(&scene, &film, job);
+        Ok((film.image(&description.film), film))
+    }
+}
+
+impl Render {
+    fn compiled(&self, job: &Job<'_>) -> Result<Scene, StageError> {
+        let (env, lights) = (job.optional_input(&self.env)?, job.optional_input(&self.lights)?);
+        let surroundings = Surroundings { env: env.as_deref(), lights: lights.as_deref(), seed: job.seed(self.seed) };
+        let load = |mesh: &MeshShape| self.mesh(mesh, job);
+        Scene::new(&self.scene.0, &surroundings, load, || job.check()).map_err(|error| match error {
+            SceneError::Outside(error) => error,
+            other => StageError::content(other),
+        })
+    }
+
+    /// The mesh of a file or of another stage, with the normals that the shape asks for.
+    fn mesh(&self, shape: &MeshShape, job: &Job<'_>) -> Result<Arc<Mesh>, StageError> {
+        if let Some(port) = shape.of.as_ref().and_then(|name| self.meshes.get(name)) {
+            let mesh = job.input(port)?;
+            return Ok(Arc::new(shape.normals.of((*mesh).clone())));
+        }
+        let SceneFile(path) = shape.path.as_ref().ok_or_else(|| StageError::content("a mesh has neither a file nor a stage"))?;
+        let buffers = shape.buffers.iter().map(|SceneFile(path)| Ok((path, job.read(&InputFile(path.clone()))?)));
+        let buffers: Vec<(&PathBuf, Vec<u8>)> = buffers.collect::<Result<_, StageError>>()?;
+        let named = |name: &str| buffers.iter().find(|(path, _)| path.ends_with(name)).map(|(_, bytes)| bytes.clone());
+        let in_file = |message: String| StageError::content(format!("`{}`: {message}", path.display()));
+        let (mesh, warnings) = read::read(&job.read(&InputFile(path.clone()))?, &named).map_err(|error| in_file(error.to_string()))?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        warnings.into_iter().for_each(|warning| job.warn(format!("`{name}`: {warning}")));
+        Ok(Arc::new(shape.normals.of(mesh)))
+    }
+
+    /// Meshes that are named in two ways, in none, or by a name that means nothing.
+    fn mesh_mistakes(&self) -> Vec<Mistake> {
+        let shapes = self.scene.0.shapes.iter().enumerate();
+        let meshes = shapes.filter_map(|(index, placed)| match &placed.shape {
+            Shape::Mesh(mesh) => Some((index, mesh)),
+            _ => None,
+        });
+        meshes.filter_map(|(index, mesh)| self.mesh_mistake(index, mesh)).collect()
+    }
+
+    fn mesh_mistake(&self, index: usize, mesh: &MeshShape) -> Option<Mistake> {
+        let mistake = |part: &str, message: String, hint: String| {
+            Some(Mistake { field: format!("scene.shapes[{index}].mesh{part}"), message, hint: Some(hint) })
+        };
+        let files = mesh.path.iter().chain(&mesh.buffers);
+        if let Some(file) = files.into_iter().find(|SceneFile(path)| path.to_string_lossy().starts_with("synthetic:")) {
+            let message = format!("`{}` is a map and not a mesh", file.0.display());
+            return mistake("", message, "meshes without a file are `icosphere`, `uv-sphere`, `torus`, `knot` and `blob`".into());
+        }
+        match (&mesh.path, &mesh.of) {
+            (Some(_), Some(_)) => mistake(".of", "`path` and `of` both name the mesh".into(), "remove one of them".into()),
+            (None, None) => {
+                mistake("", "the mesh needs a `path`, or `of` with a name of the stage's `meshes`".into(), "add `path: FILE`".into())
+            }
+            (None, Some(name)) if !self.meshes.contains_key(name) => {
+                let near = nearest(name, self.meshes.keys().map(String::as_str)).map(|near| format!("did you mean `{near}`?"));
+                let hint = near.unwrap_or_else(|| format!("set `meshes: {{ {name}: STAGE }}`"));
+                mistake(".of", format!("there is no mesh `{name}` among the stage's `meshes`"), hint)
+            }
+            _ => None,
+        }
+    }
+
+    /// Entries of emitters that stand for what the stage was not given.
+    fn missing_ports(&self) -> Vec<Mistake> {
+        let scene = &self.scene.0;
+        let missing = [
+            ("env", scene.has_environment_entry() && self.env.is_none(), "envmap"),
+            ("lights", scene.has_lights_entry() && self.lights.is_none(), "lights"),
+        ];
+        let mistake = |(port, _, gives): (&str, bool, &str)| Mistake {
+            field: "scene.emitters".into(),
+            message: format!("the scene asks for the stage's `{port}`, which is missing"),
+            hint: Some(format!("set `{port}` to a stage that gives {gives}")),
+        };
+        missing.into_iter().filter(|(_, is_missing, _)| *is_missing).map(mistake).collect()
+    }
+}
+
+/// What the reader of the manifest should know of what was found in the inputs and the samples.
+fn warn(scene: &Scene, film: &Film, job: &Job<'_>) {
+    if scene.negative_count > 0 {
+        job.warn(format!("{} pixels of `env` have a negative channel, which counts as zero", scene.negative_count));
+    }
+    if let Some(at) = film.refused.first {
+        let where_first = format!("pixel ({}, {}), sample {} of replicate {}", at.x, at.y, at.index, at.replicate);
+        job.warn(format!("{} samples are not finite and count as zero; the first is {where_first}", film.refused.count));
+    }
+}

@@ -1,0 +1,122 @@
+//! Scenes through the whole program: their mistakes, their files, and renders that go on from earlier ones.
+
+use crate::space::Space;
+
+const SCENE: &str = "camera: { perspective: { origin: [0, 1, 5] } }
+film: { resolution: [24, 16] }
+sampler: { sobol: { samples_per_pixel: $spp } }
+integrator: { path: { max_depth: 3 } }
+shapes:
+  - { sphere: { radius: 1 }, bsdf: { diffuse: { reflectance: 0.8 } } }
+  - { mesh: { path: pyramid.obj }, transform: [{ translate: [1.5, 0, 0] }] }
+";
+
+const PYRAMID: &str = "v -1 0 -1\nv 1 0 -1\nv 0 0 1\nv 0 1 0\nf 1 2 4\nf 2 3 4\nf 3 1 4\nf 3 2 1\n";
+
+const PIPELINE: &str = "params: { spp: 4 }
+stages:
+  env: { load: { path: 'synthetic:gradient' } }
+  picture: { render: { env: env, scene: scenes/still.yaml }, save: exr }
+";
+
+fn still() -> Space {
+    let space = Space::new();
+    space.pipeline(PIPELINE).write("scenes/still.yaml", SCENE).write("scenes/pyramid.obj", PYRAMID);
+    space
+}
+
+/// The first error of `check`, as `FILE:LINE: message; hint`.
+fn errors(space: &Space) -> Vec<String> {
+    let finished = space.run(&["check", "p.yaml", "--format", "json"]);
+    assert_eq!(finished.code, 2, "{}{}", finished.stdout, finished.stderr);
+    let found: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
+    let list = found["diagnostics"].as_array().or(found.as_array()).unwrap_or_else(|| panic!("{found}")).clone();
+    let said = |one: &serde_json::Value| {
+        let hint = one["hint"].as_str().unwrap_or_default();
+        format!("{}:{}: {}; {hint}", one["file"].as_str().unwrap_or_default(), one["line"], one["message"].as_str().unwrap_or_default())
+    };
+    list.iter().map(said).collect()
+}
+
+#[test]
+fn mistakes_of_a_scene_are_shown_in_its_own_file_with_the_nearest_word() {
+    for (right, wrong, expected) in [
+        (
+            "radius: 1 }",
+            "raduis: 1 }",
+            "scenes/still.yaml:6: unknown parameter `raduis` of `scene.shapes[0].sphere`; did you mean `radius`?",
+        ),
+        ("  - { sphere:", "  - { shpere:", "scenes/still.yaml:6: unknown parameter `shpere` of `scene.shapes[0]`; did you mean `sphere`?"),
+        ("{ diffuse: { reflectance: 0.8 } }", "copper", "scenes/still.yaml:6: there is no material `copper`"),
+        ("reflectance: 0.8", "reflectance: 1.8", "scenes/still.yaml:6: `scene.shapes[0].bsdf.diffuse.reflectance` must be"),
+        ("perspective:", "perspectiv:", "scenes/still.yaml:1: `scene.camera` has no choice `perspectiv`; did you mean `perspective`?"),
+        ("origin: [0, 1, 5]", "origin: [0, 0, 0]", "scenes/still.yaml:1: `target` of the camera is its `origin`"),
+        ("$spp", "0", "scenes/still.yaml:3: `scene.sampler.sobol.samples_per_pixel` must be"),
+        ("$spp", "$ssp", "scenes/still.yaml:3: unknown name `$ssp`"),
+        ("pyramid.obj", "pyramide.obj", "scenes/still.yaml:7: input file `pyramide.obj`: no such file; did you mean `pyramid.obj`?"),
+        ("max_depth: 3", "max_depth: -1", "scenes/still.yaml:4: `scene.integrator.path.max_depth` must be"),
+        ("translate: [1.5, 0, 0]", "scale: 0", "scenes/still.yaml:7: step 1 of the transform"),
+        ("mesh: { path: pyramid.obj }", "box: { min: [0, 0, 0], max: [1, 0, 1] }", "scenes/still.yaml:7: `min` of the box must be below `max`"),
+        ("mesh: { path: pyramid.obj }", "mesh: { of: pyramid }", "scenes/still.yaml:7: there is no mesh `pyramid`"),
+    ] {
+        let space = still();
+        assert!(SCENE.contains(right));
+        space.write("scenes/still.yaml", SCENE.replace(right, wrong));
+        let found = errors(&space);
+        assert!(found.iter().any(|error| error.starts_with(expected)), "{wrong}: {found:#?}");
+    }
+}
+
+#[test]
+fn a_scene_file_that_is_missing_or_no_map_is_an_error_at_its_name() {
+    let space = still();
+    space.pipeline(&PIPELINE.replace("still.yaml", "stil.yaml"));
+    assert!(errors(&space)[0].contains("no such file"));
+    let space = still();
+    space.write("scenes/still.yaml", "- a list\n");
+    assert!(errors(&space)[0].starts_with("scenes/still.yaml:1: the file must hold a map"));
+}
+
+#[test]
+fn what_a_scene_names_is_an_input_and_how_it_is_written_is_not() {
+    let space = still();
+    assert_eq!(space.executed(&[]), 2);
+    assert_eq!(space.executed(&[]), 0);
+    space.write("scenes/still.yaml", format!("# another comment\n{SCENE}"));
+    assert_eq!(space.executed(&[]), 0);
+    space.write("scenes/pyramid.obj", PYRAMID.replace("v 0 1 0", "v 0 2 0"));
+    assert_eq!(space.executed(&[]), 1);
+}
+
+#[test]
+fn more_samples_go_on_from_the_store_with_the_bytes_of_one_piece() {
+    let exr = |space: &Space| space.read("outputs/p/picture.exr");
+    for sampler in ["sobol", "independent"] {
+        let write = |space: &Space| {
+            space.write("scenes/still.yaml", SCENE.replace("sobol", sampler));
+        };
+        let (continued, alone) = (still(), still());
+        write(&continued);
+        write(&alone);
+        continued.summary(&["-s", "spp=8"]);
+        continued.summary(&["-s", "spp=32"]);
+        alone.summary(&["-s", "spp=32"]);
+        assert!(exr(&continued) == exr(&alone), "{sampler}");
+    }
+}
+
+#[test]
+fn meshes_come_from_other_stages_too() {
+    let space = still();
+    space.pipeline(
+        &PIPELINE
+            .replace("scene: scenes", "meshes: { pyramid: mesh }, scene: scenes")
+            .replace("  picture:", "  mesh: { load: { path: scenes/pyramid.obj, as: mesh } }\n  picture:"),
+    );
+    let from_file = still();
+    space.write("scenes/still.yaml", SCENE.replace("path: pyramid.obj", "of: pyramid"));
+    space.summary(&[]);
+    from_file.summary(&[]);
+    let names = |space: &Space| space.manifest()["jobs"].as_array().unwrap().len();
+    assert_eq!((names(&space), names(&from_file)), (3, 2));
+}
