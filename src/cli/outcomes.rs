@@ -89,7 +89,8 @@ impl Outcomes {
         let left_out = lines.len().saturating_sub(LINE_COUNT);
         let mut text = table(&lines[..lines.len() - left_out]);
         if left_out > 0 {
-            text += &format!("and {} more; -v shows every job\n", counted(left_out, "reason"));
+            let reasons = if left_out == 1 { "reason" } else { "reasons" };
+            text += &format!("and {left_out} more {reasons}; -v shows every job\n");
         } else if is_long {
             text += "-v shows every job\n";
         }

@@ -19,6 +19,7 @@ use crate::engine::diagnostic::{Diagnostic, escape, render};
 use crate::engine::graph::Graph;
 use crate::engine::manifest::Status;
 use crate::engine::registry::Registry;
+use crate::engine::source::without_dots;
 use crate::engine::sweep::build;
 use crate::stages::registry;
 
@@ -45,7 +46,7 @@ pub fn watch(command: &WatchCommand, screen: &Screen) -> Ending {
         if !command.work.talk.quiet {
             screen.show(&warnings, false);
         }
-        let files = watched(command, &graph);
+        let files = watched(&graph);
         let before = stamps(&files);
         match execute(graph, &registry, &command.work.places.places(), &manner, None, &interrupt, screen) {
             Ok(summary) if summary.status == Status::Interrupted => {
@@ -87,10 +88,10 @@ fn wait_for_other_mistakes(command: &WatchCommand, registry: &Registry, known: &
 }
 
 /// The pipeline file, its includes, and every input of a wanted job.
-fn watched(command: &WatchCommand, graph: &Graph) -> Vec<PathBuf> {
+fn watched(graph: &Graph) -> Vec<PathBuf> {
     let sources = graph.sources.iter().map(|source| graph.folder.join(&source.path));
     let inputs = graph.jobs.iter().filter(|job| job.is_wanted).flat_map(|job| job.files.iter().map(|(_, path)| path.clone()));
-    let files: BTreeSet<PathBuf> = std::iter::once(command.work.pipeline.file.clone()).chain(sources).chain(inputs).collect();
+    let files: BTreeSet<PathBuf> = sources.chain(inputs).map(|path| without_dots(&path)).collect();
     files.into_iter().collect()
 }
 

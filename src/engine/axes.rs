@@ -107,7 +107,7 @@ fn values(node: &Node, limit: u64) -> Result<Vec<AxisValue>, Wrong> {
 }
 
 fn too_many(count: u128, limit: u64) -> String {
-    format!("{count} values are more than the limit of {limit}")
+    format!("{count} values; the limit is {limit}, and `--max-jobs N` allows more")
 }
 
 fn scalar_value(node: &Node) -> Result<AxisValue, Wrong> {

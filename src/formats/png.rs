@@ -149,12 +149,13 @@ impl ChunkAt<'_> {
         let name = std::str::from_utf8(parts.next()?).ok()?.strip_prefix(ENTRY_PREFIX)?;
         let rest = parts.next()?;
         let text = match self.kind {
-            b"tEXt" => rest,
+            // ISO 8859-1, whose bytes are the first characters of Unicode.
+            b"tEXt" => rest.iter().copied().map(char::from).collect(),
             // Uncompressed, then the ends of the language and of the translated keyword.
-            b"iTXt" => rest.strip_prefix(&[0, 0])?.splitn(3, |byte| *byte == 0).nth(2)?,
+            b"iTXt" => String::from_utf8_lossy(rest.strip_prefix(&[0, 0])?.splitn(3, |byte| *byte == 0).nth(2)?).into_owned(),
             _ => return None,
         };
-        Some((name.to_owned(), String::from_utf8_lossy(text).into_owned()))
+        Some((name.to_owned(), text))
     }
 }
 

@@ -3,6 +3,7 @@
 mod bad_input;
 mod commands;
 mod language;
+mod mistakes;
 mod provenance;
 mod reasons;
 mod rendering;

@@ -16,7 +16,7 @@ stages:
   ldr: { tone-map: { of: env, gamma: $gamma }, save: png }
   sky: { synthesize: { name: gradient, width: 16 }, save: exr }
   rows: { profile: { of: dist } }
-  curve: { plot: { of: rows, x: row, y: [pdf] }, save: [svg, pdf] }
+  curve: { plot: { of: rows, x: row, y: [pdf] }, save: [svg, png, pdf] }
 ";
 
 fn map(value: f32) -> Vec<u8> {
@@ -162,7 +162,7 @@ fn a_file_leads_back_to_its_run() {
     let space = space();
     space.pipeline(PIPELINE);
     let id = run_id(&space.summary(&[]));
-    let published = ["ldr.png", "sky.exr", "samples/n=8.csv", "curve.svg", "curve.pdf"];
+    let published = ["ldr.png", "sky.exr", "samples/n=8.csv", "curve.svg", "curve.png", "curve.pdf"];
     for path in published {
         let which = space.run(&["which", &format!("outputs/p/{path}")]);
         which.expect(0, &[]);

@@ -6,12 +6,12 @@
 //! controlled, while one taken from the store was executed by an earlier run. Says no more of the machine and
 //! its user than the manifest does. After <https://w3id.org/ro/wfrun/provenance/0.5>.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt::Write;
 
-use serde_json::{Value as Json, json};
+use serde_json::Value as Json;
 
-use crate::engine::manifest::{FileEntry, JobEntry, Manifest, Outcome, Status, place_text, plain_text};
+use crate::engine::manifest::{FileEntry, JobEntry, Manifest, Outcome, PublishedEntry, SpecEntry, Status, place_text, plain_text};
 
 /// Name of the file, beside the manifest.
 pub const FILE_NAME: &str = "ro-crate-metadata.json";
@@ -43,21 +43,77 @@ fn workflow_path(manifest: &Manifest, path: &str) -> String {
 /// The text of the crate.
 pub fn text(manifest: &Manifest) -> String {
     let entities = Crate::new(manifest).entities();
-    let mut text = format!("{{\"@context\":[\"{CRATE}/context\",\"https://w3id.org/ro/terms/workflow-run/context\"],\"@graph\":[\n");
-    for (index, entity) in entities.iter().enumerate() {
-        let comma = if index + 1 < entities.len() { "," } else { "" };
-        writeln!(text, "{entity}{comma}").expect("writing to a String");
-    }
-    text + "]}\n"
+    let head = format!("{{\"@context\":[\"{CRATE}/context\",\"https://w3id.org/ro/terms/workflow-run/context\"],\"@graph\":[\n");
+    head + &entities.join(",\n") + "\n]}\n"
 }
+
+/// An entity as it is written: there may be several for each of many thousand jobs.
+struct Entity(Vec<u8>);
+
+impl Entity {
+    fn new(id: &str, types: &[&str]) -> Self {
+        let entity = Self(b"{\"@id\":".to_vec()).value(id);
+        match types {
+            [only] => entity.text("@type", only),
+            several => {
+                let mut entity = entity.name("@type");
+                serde_json::to_writer(&mut entity.0, several).expect(TO_MEMORY);
+                entity
+            }
+        }
+    }
+
+    fn value(mut self, text: &str) -> Self {
+        serde_json::to_writer(&mut self.0, text).expect(TO_MEMORY);
+        self
+    }
+
+    fn name(mut self, name: &str) -> Self {
+        self.0.push(b',');
+        self = self.value(name);
+        self.0.push(b':');
+        self
+    }
+
+    fn text(self, name: &str, text: &str) -> Self {
+        self.name(name).value(text)
+    }
+
+    fn reference(mut self, name: &str, id: &str) -> Self {
+        self = self.name(name);
+        self.0.extend(b"{\"@id\":");
+        self = self.value(id);
+        self.0.push(b'}');
+        self
+    }
+
+    fn references(mut self, name: &str, ids: impl IntoIterator<Item = impl AsRef<str>>) -> Self {
+        self = self.name(name);
+        self.0.push(b'[');
+        for (index, id) in ids.into_iter().enumerate() {
+            self.0.extend(if index == 0 { b"{\"@id\":".as_slice() } else { b",{\"@id\":" });
+            self = self.value(id.as_ref());
+            self.0.push(b'}');
+        }
+        self.0.push(b']');
+        self
+    }
+
+    fn end(mut self) -> String {
+        self.0.push(b'}');
+        String::from_utf8(self.0).expect("JSON is UTF-8")
+    }
+}
+
+const TO_MEMORY: &str = "writing text to memory cannot fail";
 
 struct Crate<'m> {
     manifest: &'m Manifest,
-    /// Paths of published files by the job that gave them, as [`place_text`] names its result.
+    /// Published files by the job that gave them, as [`place_text`] names its result.
     files: HashMap<&'m str, Vec<&'m str>>,
-    /// Stages in the order of their first job.
-    stages: Vec<&'m str>,
-    /// Jobs with results: each is an action.
+    /// Stages in the order of their first job, each with that job.
+    stages: Vec<&'m JobEntry>,
+    /// Jobs with results, and those that failed: each is an action.
     jobs: Vec<&'m JobEntry>,
     has_steps: bool,
 }
@@ -69,18 +125,20 @@ impl<'m> Crate<'m> {
             files.entry(&entry.job).or_default().push(&entry.path);
         }
         let jobs: Vec<&JobEntry> = manifest.jobs.iter().filter(|job| !job.outputs.is_empty() || job.outcome == Outcome::Failed).collect();
-        let mut seen = BTreeSet::new();
-        let stages = jobs.iter().map(|job| job.stage.as_str()).filter(|stage| seen.insert(*stage)).collect();
+        let mut seen = HashSet::new();
+        let stages = jobs.iter().copied().filter(|job| seen.insert(job.stage.as_str())).collect();
         let has_steps = jobs.iter().any(|job| was_executed(job));
         Self { manifest, files, stages, jobs, has_steps }
     }
 
-    fn entities(&self) -> Vec<Json> {
+    fn entities(&self) -> Vec<String> {
+        let no_license = "The author of the pipeline decides on the license of its results.";
         let mut entities = vec![descriptor(), self.root(), self.workflow()];
         entities.extend(
-            self.profiles().map(|(id, name, version)| json!({ "@id": id, "@type": "CreativeWork", "name": name, "version": version })),
+            self.profiles().map(|(id, name, version)| Entity::new(id, &["CreativeWork"]).text("name", name).text("version", version).end()),
         );
-        entities.push(json!({ "@id": "#no-license", "@type": "CreativeWork", "name": "No license is stated", "description": "The pipeline's author decides on the license of its results." }));
+        let license = Entity::new("#no-license", &["CreativeWork"]);
+        entities.push(license.text("name", "No license is stated").text("description", no_license).end());
         entities.extend(self.programs());
         entities.extend(self.parameters());
         entities.extend(self.data());
@@ -92,70 +150,77 @@ impl<'m> Crate<'m> {
         PROFILES.into_iter().take(if self.has_steps { PROFILES.len() } else { PROFILES.len() - 1 })
     }
 
-    fn main_path(&self) -> String {
-        self.manifest.spec.first().map(|entry| workflow_path(self.manifest, &entry.path)).unwrap_or_default()
+    fn main_id(&self) -> String {
+        self.manifest.spec.first().map(|entry| path_id(&workflow_path(self.manifest, &entry.path))).unwrap_or_default()
     }
 
-    fn root(&self) -> Json {
+    fn root(&self) -> String {
         let manifest = self.manifest;
-        let mut parts: Vec<String> = workflow_files(manifest).map(|(path, _)| path).collect();
-        parts.push("manifest.json".into());
-        parts.extend(manifest.published.iter().map(|entry| entry.path.clone()));
-        let parts = parts.iter().map(|path| path_id(path)).chain(self.inputs().into_keys());
-        json!({
-            "@id": "./",
-            "@type": "Dataset",
-            "name": format!("Run {} of the pipeline {}", manifest.run_id, manifest.pipeline),
-            "description": format!("Files that the pipeline {} published, and how each was made; result_id {}", manifest.pipeline, manifest.result_id),
-            "datePublished": manifest.measured.started,
-            "license": reference("#no-license"),
-            "conformsTo": references(self.profiles().map(|(id, ..)| id)),
-            "mainEntity": path_reference(&self.main_path()),
-            "hasPart": references(parts),
-            "mentions": references(self.has_steps.then_some("#organize").into_iter().chain([RUN])),
-        })
+        let texts = workflow_files(manifest).map(|(path, _)| path_id(&path));
+        let published = manifest.published.iter().map(|entry| path_id(&entry.path));
+        let parts = texts.chain(["manifest.json".to_owned()]).chain(published).chain(self.inputs().into_keys());
+        let description =
+            format!("Files that the pipeline {} published, and how each was made; result_id {}", manifest.pipeline, manifest.result_id);
+        Entity::new("./", &["Dataset"])
+            .text("name", &format!("Run {} of the pipeline {}", manifest.run_id, manifest.pipeline))
+            .text("description", &description)
+            .text("datePublished", &manifest.measured.started)
+            .reference("license", "#no-license")
+            .references("conformsTo", self.profiles().map(|(id, ..)| id))
+            .reference("mainEntity", &self.main_id())
+            .references("hasPart", parts)
+            .references("mentions", self.has_steps.then_some("#organize").into_iter().chain([RUN]))
+            .end()
     }
 
-    fn workflow(&self) -> Json {
+    fn workflow(&self) -> String {
         let manifest = self.manifest;
-        let mut types = vec!["File", "SoftwareSourceCode", "ComputationalWorkflow"];
-        types.extend(self.has_steps.then_some("HowTo"));
-        let mut workflow = json!({
-            "@id": path_id(&self.main_path()),
-            "@type": types,
-            "name": manifest.pipeline,
-            "encodingFormat": "application/yaml",
-            "sha256": manifest.spec.first().map(|entry| entry.sha256),
-            "programmingLanguage": reference(LANGUAGE),
-            "input": references(self.formal_inputs().map(|(id, ..)| id)),
-            "output": references(self.published_stages().map(|stage| output_id(stage))),
-            "hasPart": references(self.tools().keys().cloned()),
-        });
-        if self.has_steps {
-            workflow["step"] = references(self.stages.iter().map(|stage| step_id(stage)));
-        }
-        workflow
+        let digest = manifest.spec.first().map(|entry| entry.sha256.to_string()).unwrap_or_default();
+        let types = ["File", "SoftwareSourceCode", "ComputationalWorkflow", "HowTo"];
+        let workflow = Entity::new(&self.main_id(), if self.has_steps { &types } else { &types[..3] })
+            .text("name", &manifest.pipeline)
+            .text("encodingFormat", "application/yaml")
+            .text("sha256", &digest)
+            .reference("programmingLanguage", LANGUAGE)
+            .references("input", self.formal_inputs().map(|(id, ..)| id))
+            .references("output", self.published_stages().keys().map(|stage| output_id(stage)))
+            .references("hasPart", self.tools().into_keys());
+        if self.has_steps { workflow.references("step", self.stages.iter().map(|job| step_id(&job.stage))).end() } else { workflow.end() }
     }
 
     /// Kinds by their identifier: name and version.
     fn tools(&self) -> BTreeMap<String, (&'m str, u32)> {
-        self.jobs.iter().map(|job| (tool_id(job), (job.kind.as_str(), job.version))).collect()
+        // A stage has one kind.
+        self.stages.iter().map(|job| (tool_id(job), (job.kind.as_str(), job.version))).collect()
     }
 
-    fn programs(&self) -> Vec<Json> {
+    fn programs(&self) -> Vec<String> {
         let program = &self.manifest.program;
-        let mut entities = vec![
-            json!({ "@id": LANGUAGE, "@type": "ComputerLanguage", "name": "pipeline file", "identifier": { "@id": "https://yaml.org/spec/1.2.2/" }, "url": { "@id": "https://yaml.org/" }, "alternateName": "YAML" }),
-            json!({ "@id": ENGINE, "@type": "SoftwareApplication", "name": program.name, "softwareVersion": program.version, "description": format!("{} build", program.build) }),
-        ];
-        let tool = |(id, (kind, version)): (String, (&str, u32))| json!({ "@id": id, "@type": "SoftwareApplication", "name": kind, "softwareVersion": version.to_string(), "description": format!("Stages of the kind {kind}; `pipeline stages {kind}` explains it") });
-        entities.extend(self.tools().into_iter().map(tool));
-        if self.has_steps {
-            let kinds: HashMap<&str, &JobEntry> = self.jobs.iter().rev().map(|job| (job.stage.as_str(), *job)).collect();
-            let step = |(index, stage): (usize, &&str)| json!({ "@id": step_id(stage), "@type": "HowToStep", "name": stage, "position": (index + 1).to_string(), "workExample": reference(&tool_id(kinds[*stage])) });
-            entities.extend(self.stages.iter().enumerate().map(step));
-        }
-        entities
+        let language = Entity::new(LANGUAGE, &["ComputerLanguage"])
+            .text("name", "pipeline file")
+            .text("alternateName", "YAML")
+            .reference("identifier", "https://yaml.org/spec/1.2.2/")
+            .reference("url", "https://yaml.org/");
+        let engine = Entity::new(ENGINE, &["SoftwareApplication"])
+            .text("name", &program.name)
+            .text("softwareVersion", &program.version)
+            .text("description", &format!("{} build", program.build));
+        let tool = |(id, (kind, version)): (String, (&str, u32))| {
+            Entity::new(&id, &["SoftwareApplication"])
+                .text("name", kind)
+                .text("softwareVersion", &version.to_string())
+                .text("description", &format!("Stages of the kind {kind}; `pipeline stages {kind}` explains it"))
+                .end()
+        };
+        let step = |(index, job): (usize, &&JobEntry)| {
+            Entity::new(&step_id(&job.stage), &["HowToStep"])
+                .text("name", &job.stage)
+                .text("position", &(index + 1).to_string())
+                .reference("workExample", &tool_id(job))
+                .end()
+        };
+        let steps = self.stages.iter().enumerate().filter(|_| self.has_steps).map(step);
+        [language.end(), engine.end()].into_iter().chain(self.tools().into_iter().map(tool)).chain(steps).collect()
     }
 
     /// What the command line changed, and the seed: identifier, name, value.
@@ -169,24 +234,28 @@ impl<'m> Crate<'m> {
         [vec![seed], texts("params", "parameter"), texts("axes", "axis")].into_iter().flatten()
     }
 
-    fn parameters(&self) -> Vec<Json> {
+    fn parameters(&self) -> Vec<String> {
         let mut entities = Vec::new();
         for (id, name, value) in self.formal_inputs() {
             let value_id = format!("{id}-value");
-            entities.push(json!({ "@id": id, "@type": "FormalParameter", "additionalType": "PropertyValue", "name": name, "workExample": reference(&value_id) }));
-            entities
-                .push(json!({ "@id": value_id, "@type": "PropertyValue", "name": name, "value": value, "exampleOfWork": reference(&id) }));
+            let formal = Entity::new(&id, &["FormalParameter"]).text("additionalType", "PropertyValue").text("name", &name);
+            entities.push(formal.reference("workExample", &value_id).end());
+            let actual = Entity::new(&value_id, &["PropertyValue"]).text("name", &name).text("value", &value);
+            entities.push(actual.reference("exampleOfWork", &id).end());
         }
-        for stage in self.published_stages() {
-            let files = self.manifest.published.iter().filter(|entry| stage_of(&entry.job) == stage).map(|entry| path_id(&entry.path));
-            entities.push(json!({ "@id": output_id(stage), "@type": "FormalParameter", "additionalType": "File", "name": stage, "workExample": references(files) }));
+        for (stage, paths) in self.published_stages() {
+            let formal = Entity::new(&output_id(stage), &["FormalParameter"]).text("additionalType", "File").text("name", stage);
+            entities.push(formal.references("workExample", paths.into_iter().map(path_id)).end());
         }
         entities
     }
 
-    /// Stages, with `.result` for a further one, that published something.
-    fn published_stages(&self) -> impl Iterator<Item = &'m str> + use<'m> {
-        self.manifest.published.iter().map(|entry| stage_of(&entry.job)).collect::<BTreeSet<_>>().into_iter()
+    /// Paths of published files by stage, with `.result` for a further one.
+    fn published_stages(&self) -> BTreeMap<&'m str, Vec<&'m str>> {
+        self.manifest.published.iter().fold(BTreeMap::new(), |mut stages: BTreeMap<_, Vec<_>>, entry| {
+            stages.entry(stage_of(&entry.job)).or_default().push(entry.path.as_str());
+            stages
+        })
     }
 
     /// Input files by their identifier, which is their digest: they are no part of the folder.
@@ -194,111 +263,115 @@ impl<'m> Crate<'m> {
         self.manifest.jobs.iter().flat_map(|job| &job.files).map(|file| (input_id(file), file)).collect()
     }
 
-    fn data(&self) -> Vec<Json> {
+    fn data(&self) -> Vec<String> {
         let manifest = self.manifest;
-        let mut entities = vec![
-            json!({ "@id": "manifest.json", "@type": "File", "name": "The program's own record of the run", "encodingFormat": "application/json" }),
-        ];
-        entities.extend(manifest.spec.iter().skip(1).map(|entry| {
-            json!({ "@id": path_id(&workflow_path(manifest, &entry.path)), "@type": ["File", "SoftwareSourceCode"], "name": entry.path, "encodingFormat": "application/yaml", "sha256": entry.sha256 })
-        }));
-        entities.extend(
-            self.inputs().into_iter().map(|(id, file)| json!({ "@id": id, "@type": "File", "name": file.path, "sha256": file.sha256 })),
-        );
-        entities.extend(manifest.published.iter().map(|entry| {
-            let format = encoding_format(&entry.path);
-            json!({ "@id": path_id(&entry.path), "@type": "File", "name": entry.job, "encodingFormat": format, "sha256": entry.sha256, "exampleOfWork": reference(&output_id(stage_of(&entry.job))) })
-        }));
-        entities
+        let own = Entity::new("manifest.json", &["File"])
+            .text("name", "The program's own record of the run")
+            .text("encodingFormat", "application/json");
+        let include = |entry: &SpecEntry| {
+            Entity::new(&path_id(&workflow_path(manifest, &entry.path)), &["File", "SoftwareSourceCode"])
+                .text("name", &entry.path)
+                .text("encodingFormat", "application/yaml")
+                .text("sha256", &entry.sha256.to_string())
+                .end()
+        };
+        let input = |(id, file): (String, &FileEntry)| {
+            Entity::new(&id, &["File"]).text("name", &file.path).text("sha256", &file.sha256.to_string()).end()
+        };
+        let published = |entry: &PublishedEntry| {
+            Entity::new(&path_id(&entry.path), &["File"])
+                .text("name", &entry.job)
+                .text("encodingFormat", encoding_format(&entry.path))
+                .text("sha256", &entry.sha256.to_string())
+                .reference("exampleOfWork", &output_id(stage_of(&entry.job)))
+                .end()
+        };
+        let includes = manifest.spec.iter().skip(1).map(include);
+        let files = includes.chain(self.inputs().into_iter().map(input)).chain(manifest.published.iter().map(published));
+        std::iter::once(own.end()).chain(files).collect()
     }
 
-    fn actions(&self) -> Vec<Json> {
+    fn actions(&self) -> Vec<String> {
         let manifest = self.manifest;
         let started = &manifest.measured.started;
         let ended = end_of(started, manifest.measured.seconds);
-        let values = self.formal_inputs().map(|(id, ..)| format!("{id}-value"));
-        let mut run = json!({
-            "@id": RUN,
-            "@type": "CreateAction",
-            "name": format!("Run {} of {}", manifest.run_id, manifest.pipeline),
-            "instrument": path_reference(&self.main_path()),
-            "startTime": started,
-            "endTime": ended,
-            "actionStatus": action_status(manifest.status == Status::Done),
-            "object": references(values.chain(self.inputs().into_keys())),
-            "result": references(manifest.published.iter().map(|entry| path_id(&entry.path))),
-        });
-        if let Some(error) = manifest.jobs.iter().find_map(|job| job.error.as_ref()).filter(|_| manifest.status != Status::Done) {
-            run["error"] = json!(error);
-        }
-        let mut entities = vec![run];
+        let mut entities = vec![self.run(&ended)];
         let numbered = || self.jobs.iter().enumerate();
         if self.has_steps {
             let controls = numbered().filter(|(_, job)| was_executed(job));
-            entities.push(json!({
-                "@id": "#organize",
-                "@type": "OrganizeAction",
-                "name": format!("Scheduling of run {}", manifest.run_id),
-                "instrument": reference(ENGINE),
-                "startTime": started,
-                "endTime": ended,
-                "object": references(controls.clone().map(|(index, _)| format!("#control-{index}"))),
-                "result": reference(RUN),
-            }));
+            let organize = Entity::new("#organize", &["OrganizeAction"])
+                .text("name", &format!("Scheduling of run {}", manifest.run_id))
+                .reference("instrument", ENGINE)
+                .text("startTime", started)
+                .text("endTime", &ended)
+                .references("object", controls.clone().map(|(index, _)| format!("#control-{index}")))
+                .reference("result", RUN);
+            entities.push(organize.end());
             entities.extend(controls.map(|(index, job)| {
-                json!({ "@id": format!("#control-{index}"), "@type": "ControlAction", "name": place_text(&job.stage, &job.coordinate), "description": job.reason, "instrument": reference(&step_id(&job.stage)), "object": reference(&format!("#job-{index}")) })
+                Entity::new(&format!("#control-{index}"), &["ControlAction"])
+                    .text("name", &place_text(&job.stage, &job.coordinate))
+                    .text("description", &job.reason)
+                    .reference("instrument", &step_id(&job.stage))
+                    .reference("object", &format!("#job-{index}"))
+                    .end()
             }));
         }
         entities.extend(numbered().flat_map(|(index, job)| self.action(index, job)));
         entities
     }
 
+    /// The run as a whole.
+    fn run(&self, ended: &str) -> String {
+        let manifest = self.manifest;
+        let is_done = manifest.status == Status::Done;
+        let values = self.formal_inputs().map(|(id, ..)| format!("{id}-value"));
+        let run = Entity::new(RUN, &["CreateAction"])
+            .text("name", &format!("Run {} of {}", manifest.run_id, manifest.pipeline))
+            .reference("instrument", &self.main_id())
+            .text("startTime", &manifest.measured.started)
+            .text("endTime", ended)
+            .text("actionStatus", action_status(is_done))
+            .references("object", values.chain(self.inputs().into_keys()))
+            .references("result", manifest.published.iter().map(|entry| path_id(&entry.path)));
+        match manifest.jobs.iter().find_map(|job| job.error.as_ref()).filter(|_| !is_done) {
+            Some(error) => run.text("error", error).end(),
+            None => run.end(),
+        }
+    }
+
     /// The work of one job: with which tool, of what, and what came of it.
-    fn action(&self, index: usize, job: &JobEntry) -> Vec<Json> {
+    fn action(&self, index: usize, job: &JobEntry) -> impl Iterator<Item = String> + use<> {
         let id = format!("#job-{index}");
         let how = if was_executed(job) { "executed by this run" } else { "executed by an earlier run, its results taken from the store" };
         let key = job.key.map(|key| format!("; key {key}")).unwrap_or_default();
-        let mut action = json!({
-            "@id": id,
-            "@type": "CreateAction",
-            "name": place_text(&job.stage, &job.coordinate),
-            "description": format!("{how}{key}"),
-            "instrument": reference(&tool_id(job)),
-            "actionStatus": action_status(job.outcome != Outcome::Failed),
-        });
-        let results: Vec<String> = job
-            .outputs
-            .iter()
-            .filter_map(|output| self.files.get(result_place(job, &output.name).as_str()))
-            .flatten()
-            .map(|path| path_id(path))
-            .collect();
+        let mut action = Entity::new(&id, &["CreateAction"])
+            .text("name", &place_text(&job.stage, &job.coordinate))
+            .text("description", &format!("{how}{key}"))
+            .reference("instrument", &tool_id(job))
+            .text("actionStatus", action_status(job.outcome != Outcome::Failed));
+        let published = job.outputs.iter().filter_map(|output| self.files.get(result_place(job, &output.name).as_str()));
+        let results: Vec<String> = published.flatten().map(|path| path_id(path)).collect();
         if !results.is_empty() {
-            action["result"] = references(results);
+            action = action.references("result", results);
         }
         if let Some(error) = &job.error {
-            action["error"] = json!(error);
+            action = action.text("error", error);
         }
-        let mut objects: Vec<String> = job.files.iter().map(input_id).collect();
-        let parameters = job.parameters.as_object().filter(|fields| !fields.is_empty()).map(|_| {
-            let id = format!("{id}-parameters");
-            objects.push(id.clone());
-            json!({ "@id": id, "@type": "PropertyValue", "name": "parameters", "value": job.parameters.to_string() })
-        });
+        let has_parameters = job.parameters.as_object().is_some_and(|fields| !fields.is_empty());
+        let parameters = has_parameters.then(|| format!("{id}-parameters"));
+        let objects: Vec<String> = job.files.iter().map(input_id).chain(parameters.clone()).collect();
         if !objects.is_empty() {
-            action["object"] = references(objects);
+            action = action.references("object", objects);
         }
-        std::iter::once(action).chain(parameters).collect()
+        let values = parameters
+            .map(|id| Entity::new(&id, &["PropertyValue"]).text("name", "parameters").text("value", &job.parameters.to_string()).end());
+        std::iter::once(action.end()).chain(values)
     }
 }
 
-fn descriptor() -> Json {
-    json!({
-        "@id": FILE_NAME,
-        "@type": "CreativeWork",
-        "about": reference("./"),
-        "conformsTo": references([CRATE, WORKFLOW_CRATE]),
-    })
+fn descriptor() -> String {
+    let descriptor = Entity::new(FILE_NAME, &["CreativeWork"]).reference("about", "./");
+    descriptor.references("conformsTo", [CRATE, WORKFLOW_CRATE]).end()
 }
 
 fn was_executed(job: &JobEntry) -> bool {
@@ -314,18 +387,6 @@ fn end_of(started: &str, seconds: f64) -> String {
     let moment = started.parse::<jiff::Timestamp>().ok();
     let end = moment.and_then(|moment| moment.checked_add(jiff::SignedDuration::try_from_secs_f64(seconds).ok()?).ok());
     end.map_or_else(|| started.to_owned(), |end| end.strftime("%Y-%m-%dT%H:%M:%SZ").to_string())
-}
-
-fn reference(id: &str) -> Json {
-    json!({ "@id": id })
-}
-
-fn references(ids: impl IntoIterator<Item = impl AsRef<str>>) -> Json {
-    ids.into_iter().map(|id| reference(id.as_ref())).collect()
-}
-
-fn path_reference(path: &str) -> Json {
-    reference(&path_id(path))
 }
 
 /// A path as a URI: bytes that a URI may not hold as they are become `%XX`.
@@ -410,9 +471,11 @@ fn faults(text: &str) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
     use crate::engine::digest::Digest;
-    use crate::engine::manifest::{Machine, Measured, OutputEntry, Program, PublishedEntry, SCHEMA, SpecEntry};
+    use crate::engine::manifest::{Machine, Measured, OutputEntry, Program, SCHEMA};
 
     fn job(stage: &str, n: u32, outcome: Outcome) -> JobEntry {
         let output = OutputEntry { name: String::new(), type_name: "image".into(), sha256: Digest::of(stage.as_bytes()), bytes: 3 };

@@ -6,12 +6,14 @@ use std::io::{self, Read, Write};
 
 use crate::engine::artifact::{Artifact, Origin, SaveError, Saved, TypeName};
 use crate::figure::chart::Chart;
+use crate::formats::ENTRY_PREFIX;
 
 const HEADER: &[u8] = b"pipeline figure 1\n";
 
 impl Artifact for Chart {
     const TYPE: TypeName = "figure";
     const FORMATS: &'static [&'static str] = &["svg", "png", "pdf"];
+    const ENCODER_VERSION: u32 = 2;
 
     fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         out.write_all(HEADER)?;
@@ -35,7 +37,11 @@ impl Artifact for Chart {
         let entries = origin.entries();
         match format {
             "svg" => Ok(self.to_svg(&entries).into()),
-            "png" => Ok(self.to_png(&entries).into()),
+            "png" => {
+                // As the pictures name them, so that one reader finds both.
+                let named = entries.map(|(name, text)| (format!("{ENTRY_PREFIX}{name}"), text));
+                Ok(self.to_png(&named.each_ref().map(|(name, text)| (name.as_str(), *text))).into())
+            }
             "pdf" => Ok(self.to_pdf(&entries).into()),
             _ => Err(SaveError(format!("a figure cannot be written as `{format}`"))),
         }
