@@ -75,8 +75,8 @@ impl Signature {
             device: status.st_dev,
             inode: status.st_ino,
             size: status.st_size as u64,
-            modified: nanoseconds(status.st_mtime as i64, status.st_mtime_nsec as i64),
-            changed: nanoseconds(status.st_ctime as i64, status.st_ctime_nsec as i64),
+            modified: nanoseconds(status.st_mtime, status.st_mtime_nsec as i64),
+            changed: nanoseconds(status.st_ctime, status.st_ctime_nsec as i64),
         })
     }
 

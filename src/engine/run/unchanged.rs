@@ -21,6 +21,9 @@ use crate::engine::signature::{Signature, Signatures};
 use crate::engine::store::library::Library;
 use crate::engine::system::SystemError;
 
+/// A folder below the pipeline's, with the names and signatures of files in it.
+type KnownFolder = (String, Vec<(String, Signature)>);
+
 /// What a run that changed nothing rested on.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Basis {
@@ -32,7 +35,7 @@ struct Basis {
     /// Texts and inputs, by absolute path.
     sources: Vec<(PathBuf, Digest, Signature)>,
     /// The latest manifest and the published files, folder by folder below the pipeline's.
-    published: Vec<(String, Vec<(String, Signature)>)>,
+    published: Vec<KnownFolder>,
     run_id: String,
     result_id: Digest,
     jobs: u64,
@@ -104,7 +107,7 @@ fn known_source(path: PathBuf, digest: Option<Digest>, signatures: &mut Signatur
 }
 
 /// The published files by folder; `None` unless each is known to have its bytes.
-fn known_files(found: &Standstill<'_>, signatures: &mut Signatures) -> Option<Vec<(String, Vec<(String, Signature)>)>> {
+fn known_files(found: &Standstill<'_>, signatures: &mut Signatures) -> Option<Vec<KnownFolder>> {
     let mut folders = vec![(String::new(), vec![("manifest.json", None)])];
     for entry in found.published {
         let (folder, name) = entry.path.rsplit_once('/').unwrap_or(("", &entry.path));

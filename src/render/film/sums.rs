@@ -61,17 +61,11 @@ impl Sums {
 }
 
 /// Adds samples by the tree: a binary counter whose digits are finished nodes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Fold {
     /// Finished nodes by level; those of the digits that are one.
     nodes: [Sums; 32],
     count: u32,
-}
-
-impl Default for Fold {
-    fn default() -> Self {
-        Self { nodes: [Sums::default(); 32], count: 0 }
-    }
 }
 
 impl Fold {

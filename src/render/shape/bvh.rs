@@ -369,10 +369,9 @@ impl<const N: usize> Bins<N> {
             }
             let total = items + self.counts[axis][0];
             let (mut left, mut items) = (Extent::EMPTY, 0);
-            for bin in 1..N {
+            for (bin, (right, right_cost)) in rights.into_iter().enumerate().skip(1) {
                 left = left.union(self.extents[axis][bin - 1]);
                 items += self.counts[axis][bin - 1];
-                let (right, right_cost) = rights[bin];
                 let cost = left.half_area() * leaf_count(items) + right_cost;
                 if items > 0 && items < total && cost < best.cost {
                     best = Cut { cost, axis, first_right: bin, left, right };
