@@ -7,7 +7,7 @@ Installs roc-validator from PyPI into a virtual environment in a temporary folde
 ends. CONTEXTS is a folder with `ro-crate-1.1.json` (RO-Crate 1.1's context.jsonld) and `workflow-run.json` (that of
 ro-terms); with it no network is needed for the contexts, without it the validator fetches them itself.
 """
-import os, subprocess, sys, tempfile, textwrap
+import os, subprocess, sys, tempfile, textwrap, urllib.request
 
 PIPELINE = """
 version: 1
@@ -57,9 +57,20 @@ def run(command, **options):
     return subprocess.run(command, **options)
 
 
+def can_fetch(address):
+    try:
+        with urllib.request.urlopen(address, timeout=10):
+            return True
+    except OSError:
+        return False
+
+
 def main():
     program = os.path.abspath(os.environ.get("PIPELINE_BIN", "target/release/pipeline"))
     contexts = os.path.abspath(sys.argv[1]) if len(sys.argv) > 1 else None
+    if not contexts and not can_fetch("https://w3id.org/ro/crate/1.1/context"):
+        print("skipped: the contexts of RO-Crate cannot be fetched here; give a folder with them")
+        return 0
     with tempfile.TemporaryDirectory() as folder:
         python = os.path.join(folder, "venv", "bin", "python")
         if "ROC_PYTHON" in os.environ:
