@@ -487,8 +487,7 @@ impl<'s> Walker<'_, 's> {
         let properties = properties(schema);
         for entry in entries {
             let inner = path.with(Step::Field(entry.key.to_string()));
-            let additional = || schema.get("additionalProperties");
-            match (properties.get(&*entry.key), additional()) {
+            match (properties.get(&*entry.key), schema.get("additionalProperties")) {
                 (Some(schema), _) => self.value(schema, &entry.node, &inner),
                 (None, Some(Json::Bool(false))) => self.unknown(entry, properties, path),
                 (None, Some(schema @ Json::Object(_))) => self.value(schema, &entry.node, &inner),
