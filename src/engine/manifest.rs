@@ -324,7 +324,20 @@ impl Standing {
 
     /// The digest that a file should have, if a run published it.
     pub fn digest_of(&self, path: &str) -> Option<Digest> {
-        self.published.iter().chain(&self.kept).find(|entry| entry.path == path).map(|entry| entry.sha256)
+        let published = |entries: &[PublishedEntry]| {
+            let index = entries.binary_search_by(|entry| entry.path.as_str().cmp(path)).ok()?;
+            Some(entries[index].sha256)
+        };
+        published(&self.published).or_else(|| published(&self.kept))
+    }
+
+    /// Reads it from the text of a manifest; `None` if it is none.
+    pub fn from_text(text: &[u8]) -> Option<Self> {
+        let mut standing: Self = serde_json::from_slice(text).ok()?;
+        // They are sorted already unless someone has edited the file.
+        standing.published.sort_unstable();
+        standing.kept.sort_unstable();
+        Some(standing)
     }
 }
 

@@ -96,10 +96,13 @@ pub struct Scheduler<'l> {
     reports: Receiver<Report>,
     report_to: Sender<Report>,
     running: usize,
+    /// What tasks took lately.
+    usual_time: Duration,
     reserved: u64,
     is_stopping: bool,
     interrupted_at: Option<Instant>,
     settled_count: usize,
+    wanted_count: usize,
 
     ledger: Ledger,
 }
@@ -111,8 +114,12 @@ pub struct Ledger {
     pub failures: Vec<Failure>,
     /// Warnings with the stage's name.
     pub warnings: Vec<(String, String)>,
+    /// Whether some of them are of this run only, and would not be said again.
+    pub has_passing_warnings: bool,
     /// Files that the run stands behind.
     pub published: Vec<PublishedEntry>,
+    /// The names under which the store has the bytes of those files, by their path.
+    pub publication_keys: HashMap<String, Digest>,
     /// Those of them that it wrote.
     pub written: Vec<String>,
     /// Most memory that was taken at once, in bytes.
@@ -150,6 +157,7 @@ impl<'l> Scheduler<'l> {
         let jobs: Vec<_> =
             graph.jobs.iter().zip(plan.jobs).map(|(node, planned)| planned.map(|planned| JobState::new(graph, node, planned))).collect();
         let dependents = state::dependents(graph);
+        let wanted_count = jobs.iter().flatten().count();
         Self {
             jobs,
             dependents,
@@ -175,10 +183,12 @@ impl<'l> Scheduler<'l> {
             reports,
             report_to,
             running: 0,
+            usual_time: Duration::from_secs(1),
             reserved: 0,
             is_stopping: false,
             interrupted_at: None,
             settled_count: 0,
+            wanted_count,
             ledger: Ledger::default(),
         }
     }
@@ -230,7 +240,7 @@ impl<'l> Scheduler<'l> {
     }
 
     fn tell_finished(&mut self, job: usize, error: Option<Failure>) {
-        let total = self.jobs.iter().flatten().count();
+        let total = self.wanted_count;
         let entry = &self.state(job).entry;
         let ran = entry.measured.filter(|_| entry.outcome == Outcome::Ran);
         let event = Event::Finished {

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde_json::Value as Json;
 
@@ -78,6 +78,8 @@ pub struct FileToPublish {
 pub struct Report {
     /// Index of the job.
     pub job: usize,
+    /// How long the task took.
+    pub time: Duration,
     /// What came of it.
     pub body: Body,
 }
@@ -109,6 +111,8 @@ pub enum Fault {
     },
     /// The run is to stop.
     Interrupted,
+    /// The run was to stop before the task was begun.
+    NotBegun,
     /// It was to be left to another run.
     Withdrawn,
     /// The store has lost results of these jobs.
@@ -137,12 +141,13 @@ impl From<StageError> for Fault {
 pub fn work(shared: &Arc<Shared>, tasks: &Mutex<Receiver<Task>>, reports: &Sender<Report>) {
     loop {
         let task = tasks.lock().expect("no job thread panics while it waits").recv();
-        let report = match task {
-            Ok(Task::Run(task)) => Report { job: task.job, body: Body::Ran(guarded(|| run(shared, &task))) },
-            Ok(Task::Publish(task)) => Report { job: task.job, body: Body::Published(guarded(|| publish(shared, &task))) },
+        let start = Instant::now();
+        let (job, body) = match task {
+            Ok(Task::Run(task)) => (task.job, Body::Ran(guarded(|| run(shared, &task)))),
+            Ok(Task::Publish(task)) => (task.job, Body::Published(guarded(|| publish(shared, &task)))),
             Err(_) => return,
         };
-        if reports.send(report).is_err() {
+        if reports.send(Report { job, time: start.elapsed(), body }).is_err() {
             return;
         }
     }
@@ -164,6 +169,9 @@ fn panic_fault(payload: &(dyn Any + Send)) -> Fault {
 }
 
 fn run(shared: &Arc<Shared>, task: &RunTask) -> Result<RanJob, Fault> {
+    if shared.interrupted.load(Ordering::Relaxed) {
+        return Err(Fault::NotBegun);
+    }
     let start = Instant::now();
     let node = &shared.graph.jobs[task.job];
     let lost = LostResults::default();

@@ -1,11 +1,11 @@
 //! Makes results durable in groups: blobs, one sync, then the records that name them.
 //!
 //! A record never stands on disk before its bytes. Jobs do not wait for it: what is lost with the power is
-//! the last group, and its jobs run again.
+//! the last group, and its jobs run again. Between groups the committer sleeps, so that handing a record in wakes no one.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -16,8 +16,7 @@ use super::record::{Blob, PublicationRecord, ResultRecord};
 use crate::engine::digest::Digest;
 use crate::engine::system::SystemError;
 
-/// As many records, or as much time, make a group.
-const GROUP_COUNT: usize = 64;
+/// What comes within this time of the first record makes a group.
 const GROUP_TIME: Duration = Duration::from_millis(50);
 
 /// A record whose blobs are written but perhaps not durable.
@@ -81,6 +80,14 @@ impl Committer {
         if let Some(claim) = claim {
             // If the committer has failed, the claim goes at once.
             let _ = self.sender.send(Message::LetGo(claim));
+            // Another run may be waiting for it.
+            self.wake();
+        }
+    }
+
+    fn wake(&self) {
+        if let Some(thread) = &self.thread {
+            thread.thread().unpark();
         }
     }
 
@@ -96,6 +103,7 @@ impl Committer {
     /// within moments could cost a result.
     pub fn hurry(&self) {
         self.is_hurried.store(true, Ordering::Relaxed);
+        self.wake();
     }
 
     /// Whether it has ended early, which only an error makes it do.
@@ -107,6 +115,7 @@ impl Committer {
     pub fn finish(mut self) -> Result<(), SystemError> {
         // If it has ended already, its error comes with the join.
         let _ = self.sender.send(Message::End);
+        self.wake();
         let thread = self.thread.take();
         thread.map_or(Ok(()), |thread| thread.join().expect("the committer does not panic"))
     }
@@ -126,21 +135,30 @@ fn commit_groups(library: &Library, receiver: &Receiver<Message>, is_hurried: &A
 /// The next records with the claims on them, and whether there will be no more.
 fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, Vec<Claim>, bool) {
     let (mut group, mut claims) = (Vec::new(), Vec::new());
-    match receiver.recv() {
-        Ok(Message::Commit(commit)) => group.push(commit),
-        Ok(Message::LetGo(claim)) => return (group, vec![claim], false),
-        Ok(Message::End) | Err(_) => return (group, claims, true),
-    }
+    let mut next = receiver.recv().ok();
     let deadline = Instant::now() + GROUP_TIME;
-    while group.len() < GROUP_COUNT {
-        match receiver.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
-            Ok(Message::Commit(commit)) => group.push(commit),
-            Ok(Message::LetGo(claim)) => claims.push(claim),
-            Ok(Message::End) | Err(RecvTimeoutError::Disconnected) => return (group, claims, true),
-            Err(RecvTimeoutError::Timeout) => break,
+    loop {
+        match next {
+            Some(Message::Commit(commit)) => group.push(commit),
+            Some(Message::LetGo(claim)) => claims.push(claim),
+            Some(Message::End) | None => return (group, claims, true),
         }
+        next = match receiver.try_recv() {
+            Ok(message) => Some(message),
+            Err(TryRecvError::Disconnected) => None,
+            Err(TryRecvError::Empty) => {
+                let left = deadline.saturating_duration_since(Instant::now());
+                if left.is_zero() || !claims.is_empty() {
+                    return (group, claims, false);
+                }
+                std::thread::park_timeout(left);
+                match receiver.try_recv() {
+                    Ok(message) => Some(message),
+                    Err(_) => return (group, claims, false),
+                }
+            }
+        };
     }
-    (group, claims, false)
 }
 
 fn commit_group(library: &Library, group: &[Commit], is_hurried: &AtomicBool) -> Result<(), SystemError> {
