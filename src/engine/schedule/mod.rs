@@ -33,12 +33,12 @@ use super::freshness::{Plan, fill_inputs};
 use super::history::History;
 use super::manifest::{JobEntry, Outcome, PublishedEntry, Standing, job_name};
 use super::signature::Signatures;
-use super::store::claims::Claims;
+use super::store::claims::{Claim, Claims};
 use super::store::committer::Committer;
 use super::store::index::Index;
 use super::system::SystemError;
 use elsewhere::Flight;
-use state::{JobState, Ready};
+use state::{JobState, Order, Ready};
 use values::Shared;
 use worker::{PublishTask, Report, Task};
 
@@ -89,6 +89,10 @@ pub struct Scheduler<'l> {
     elsewhere: Vec<usize>,
     looked_elsewhere: Instant,
     claims: Claims,
+    /// Tells other runs that this one is at work.
+    presence: Option<Claim>,
+    looked_around: Option<Instant>,
+    order: Order,
 
     threads: Vec<std::thread::JoinHandle<()>>,
     tasks: Sender<Task>,
@@ -177,6 +181,9 @@ impl<'l> Scheduler<'l> {
             elsewhere: Vec::new(),
             looked_elsewhere: Instant::now(),
             claims,
+            presence: None,
+            looked_around: None,
+            order: Order::Graph,
             threads: Vec::new(),
             tasks,
             waiting_tasks: Arc::new(Mutex::new(waiting_tasks)),
@@ -199,6 +206,9 @@ impl<'l> Scheduler<'l> {
         while !self.is_over() {
             self.look_for_interrupt();
             self.look_elsewhere();
+            if self.running > 0 {
+                self.look_around();
+            }
             self.start_what_can();
             self.tend_claims();
             match self.reports.recv_timeout(GLANCE) {

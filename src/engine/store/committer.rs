@@ -19,6 +19,9 @@ use crate::engine::system::SystemError;
 /// What comes within this time of the first record makes a group.
 const GROUP_TIME: Duration = Duration::from_millis(50);
 
+/// The same while other runs may be waiting to see the records.
+const SHARED_GROUP_TIME: Duration = Duration::from_millis(5);
+
 /// A record whose blobs are written but perhaps not durable.
 pub enum Commit {
     /// Of a job.
@@ -49,6 +52,7 @@ pub struct Committer {
     sender: Sender<Message>,
     receiver: Option<Receiver<Message>>,
     is_hurried: Arc<AtomicBool>,
+    is_shared: Arc<AtomicBool>,
     thread: Option<JoinHandle<Result<(), SystemError>>>,
 }
 
@@ -67,7 +71,7 @@ impl Committer {
     /// A committer that has not started.
     pub fn new(library: Arc<Library>) -> Self {
         let (sender, receiver) = channel();
-        Self { library, sender, receiver: Some(receiver), is_hurried: Arc::default(), thread: None }
+        Self { library, sender, receiver: Some(receiver), is_hurried: Arc::default(), is_shared: Arc::default(), thread: None }
     }
 
     /// A way to hand records in.
@@ -94,8 +98,9 @@ impl Committer {
     /// Starts the thread, if it has not started.
     pub fn start(&mut self) {
         let Some(receiver) = self.receiver.take() else { return };
-        let (library, is_hurried) = (self.library.clone(), self.is_hurried.clone());
-        let thread = std::thread::Builder::new().name("commit".into()).spawn(move || commit_groups(&library, &receiver, &is_hurried));
+        let (library, is_hurried, is_shared) = (self.library.clone(), self.is_hurried.clone(), self.is_shared.clone());
+        let commit = move || commit_groups(&library, &receiver, &is_hurried, &is_shared);
+        let thread = std::thread::Builder::new().name("commit".into()).spawn(commit);
         self.thread = Some(thread.expect("the system gives a thread"));
     }
 
@@ -104,6 +109,11 @@ impl Committer {
     pub fn hurry(&self) {
         self.is_hurried.store(true, Ordering::Relaxed);
         self.wake();
+    }
+
+    /// Whether other runs are to see records soon.
+    pub fn share(&self, is_shared: bool) {
+        self.is_shared.store(is_shared, Ordering::Relaxed);
     }
 
     /// Whether it has ended early, which only an error makes it do.
@@ -121,9 +131,14 @@ impl Committer {
     }
 }
 
-fn commit_groups(library: &Library, receiver: &Receiver<Message>, is_hurried: &AtomicBool) -> Result<(), SystemError> {
+fn commit_groups(
+    library: &Library,
+    receiver: &Receiver<Message>,
+    is_hurried: &AtomicBool,
+    is_shared: &AtomicBool,
+) -> Result<(), SystemError> {
     loop {
-        let (group, claims, is_last) = next_group(receiver);
+        let (group, claims, is_last) = next_group(receiver, is_shared);
         commit_group(library, &group, is_hurried)?;
         drop(claims);
         if is_last {
@@ -133,10 +148,10 @@ fn commit_groups(library: &Library, receiver: &Receiver<Message>, is_hurried: &A
 }
 
 /// The next records with the claims on them, and whether there will be no more.
-fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, Vec<Claim>, bool) {
+fn next_group(receiver: &Receiver<Message>, is_shared: &AtomicBool) -> (Vec<Commit>, Vec<Claim>, bool) {
     let (mut group, mut claims) = (Vec::new(), Vec::new());
     let mut next = receiver.recv().ok();
-    let deadline = Instant::now() + GROUP_TIME;
+    let deadline = Instant::now() + if is_shared.load(Ordering::Relaxed) { SHARED_GROUP_TIME } else { GROUP_TIME };
     loop {
         match next {
             Some(Message::Commit(commit)) => group.push(commit),

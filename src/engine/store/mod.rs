@@ -15,4 +15,5 @@ pub mod inventory;
 pub mod library;
 pub mod objects;
 pub mod record;
+pub mod runs;
 pub mod verification;
