@@ -1,6 +1,6 @@
-//! JSON whose two outer levels stand on lines of their own, and all else in one line each.
+//! JSON as it is written: in one line, or with its two outer levels on lines of their own and all else in one line each.
 //!
-//! So a manifest shows its parts to a person and gives each of its many jobs a line, which can be found and read without
+//! In the second form a manifest shows its parts to a person and gives each of its many jobs a line, which can be found and read without
 //! reading the others.
 
 use std::io::{self, Write};
@@ -11,11 +11,25 @@ use serde_json::ser::{Formatter, Serializer};
 /// Containers so deep are broken into lines.
 const BROKEN_DEPTH: usize = 2;
 
-/// The text, with a line break at its end.
+/// The text in one line, without a line break.
+pub fn line(value: &(impl Serialize + ?Sized)) -> String {
+    let mut text = Vec::new();
+    add_line(value, &mut text);
+    String::from_utf8(text).expect("JSON is UTF-8")
+}
+
+/// Adds the text in one line to another.
+pub fn add_line(value: &(impl Serialize + ?Sized), text: &mut Vec<u8>) {
+    serde_json::to_writer(text, value).expect(PLAIN);
+}
+
+const PLAIN: &str = "plain data can be written to memory";
+
+/// The text in lines, with a line break at its end.
 pub fn text(value: &impl Serialize) -> Vec<u8> {
     let mut text = Vec::with_capacity(1 << 12);
     let written = value.serialize(&mut Serializer::with_formatter(&mut text, Lines::default()));
-    written.expect("plain data can be written to memory");
+    written.expect(PLAIN);
     text.push(b'\n');
     text
 }
@@ -112,5 +126,7 @@ mod tests {
         let found = text(&value);
         assert_eq!(String::from_utf8(found.clone()).unwrap(), expected);
         assert_eq!(serde_json::from_slice::<serde_json::Value>(&found).unwrap(), value);
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&line(&value)).unwrap(), value);
+        assert!(!line(&value).contains('\n'));
     }
 }

@@ -12,6 +12,7 @@ use super::coordinate::{Coordinate, Scalar};
 use super::digest::Digest;
 use super::graph::{Graph, InputNode, JobNode};
 use super::key::canonical_text;
+use super::lines::line;
 use super::schema::FieldPath;
 
 /// Name and version of this form.
@@ -348,7 +349,7 @@ impl Standing {
 pub fn result_id(jobs: &[JobEntry], published: &[PublishedEntry]) -> Digest {
     let mut job_texts: Vec<String> = jobs.iter().map(job_identity).collect();
     job_texts.sort_unstable();
-    let mut file_texts: Vec<String> = published.iter().map(|entry| json_text(&(&entry.path, entry.sha256))).collect();
+    let mut file_texts: Vec<String> = published.iter().map(|entry| line(&(&entry.path, entry.sha256))).collect();
     file_texts.sort_unstable();
     let text = format!(r#"{{"jobs":[{}],"published":[{}]}}"#, job_texts.join(","), file_texts.join(","));
     Digest::of(text.as_bytes())
@@ -357,12 +358,8 @@ pub fn result_id(jobs: &[JobEntry], published: &[PublishedEntry]) -> Digest {
 fn job_identity(job: &JobEntry) -> String {
     let JobEntry { stage, kind, version, .. } = job;
     let outputs: Vec<_> = job.outputs.iter().map(|output| output.sha256).collect();
-    let [stage, kind, outputs] = [json_text(stage), json_text(kind), json_text(&outputs)];
+    let [stage, kind, outputs] = [line(stage), line(kind), line(&outputs)];
     format!("[{stage},{},{kind},{version},{},{outputs}]", canonical_text(&job.coordinate), canonical_text(&job.parameters))
-}
-
-fn json_text(value: &impl Serialize) -> String {
-    serde_json::to_string(value).expect("plain values can be written")
 }
 
 /// The entry of a job, before anything is known of its results.

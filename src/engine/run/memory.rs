@@ -19,6 +19,7 @@ use super::restoration::{self, Restored};
 use super::{Clock, Places, Summary, new_run_folder, run_file, write_short};
 use crate::engine::digest::Digest;
 use crate::engine::graph::Graph;
+use crate::engine::lines::line;
 use crate::engine::manifest::{JobEntry, Outcome, PublishedEntry, Status, WarningEntry};
 use crate::engine::provenance::ro_crate;
 use crate::engine::publish::OutputFolder;
@@ -113,12 +114,8 @@ pub fn note(found: &Finished<'_>, places: &Places, library: &Library, signatures
     }
     let (Some(basis), Some(text)) = (basis(found, signatures), graph.sources.first()) else { return Ok(()) };
     let name = note_name(&graph.request, places, &Digest::of(text.text.as_bytes()));
-    library.keep_note(&contents_name(&name), &contents_text(&found.published))?;
-    library.keep_note(&name, &basis.text())
-}
-
-fn contents_text(contents: &[FileContent]) -> String {
-    serde_json::to_string(contents).expect("contents are plain data")
+    library.keep_note(&contents_name(&name), &line(&found.published))?;
+    library.keep_note(&name, &line(&basis))
 }
 
 fn basis(found: &Finished<'_>, signatures: &mut Signatures) -> Option<Basis> {
@@ -144,7 +141,7 @@ fn basis(found: &Finished<'_>, signatures: &mut Signatures) -> Option<Basis> {
         sources,
         records: records.collect::<Option<_>>()?,
         published: by_folder(&found.published),
-        contents: Digest::of(contents_text(&found.published).as_bytes()),
+        contents: Digest::of(line(&found.published).as_bytes()),
         run_id: found.run_id.to_owned(),
         result_id: found.result_id,
         jobs: found.jobs.len() as u64,
@@ -206,7 +203,7 @@ pub fn run(request: &Request, places: &Places, settings: Settings) -> Result<Opt
         }
         basis.learn_signatures(&outputs, &contents, &mut signatures);
         signatures.keep_in(&library)?;
-        library.keep_note(&name, &basis.text())?;
+        library.keep_note(&name, &line(&basis))?;
     }
     outputs.prepare()?;
     library.tidy();
@@ -245,10 +242,6 @@ impl Odd {
 }
 
 impl Basis {
-    fn text(&self) -> String {
-        serde_json::to_string(self).expect("a basis is plain data")
-    }
-
     /// Whether the program, the texts and the inputs are the same; `text` is the digest of the pipeline file.
     fn is_valid_for(&self, text: &Digest) -> bool {
         let Some(((_, digest, _), others)) = self.sources.split_first() else { return false };
@@ -325,7 +318,6 @@ pub(super) fn kept_record(run_id: &str, record: &KnownRecord) -> String {
 
 /// The published files with the names under which the store has them; `None` if one is not among the keys.
 pub fn contents<'k>(published: &[PublishedEntry], key: impl Fn(&str) -> Option<&'k Digest>) -> Option<Vec<FileContent>> {
-    let content =
-        |entry: &PublishedEntry| Some(FileContent { path: entry.path.clone(), digest: entry.sha256, key: *key(&entry.path)? });
+    let content = |entry: &PublishedEntry| Some(FileContent { path: entry.path.clone(), digest: entry.sha256, key: *key(&entry.path)? });
     published.iter().map(content).collect()
 }

@@ -177,4 +177,3 @@ fn a_run_that_is_told_to_compute_leaves_no_note() {
     assert!(memory::run(&request, &space.places(), settings()).unwrap().is_none());
     assert_eq!(by_plan(&space, &request).measured.jobs["ran"], 1);
 }
-

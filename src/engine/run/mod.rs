@@ -33,7 +33,7 @@ use super::store::folder::FolderStore;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::system::SystemError;
-use memory::{RECORDS, Finished as Remembered, contents};
+use memory::{Finished as Remembered, RECORDS, contents};
 
 /// Where a run reads and writes.
 #[derive(Debug, Clone)]

@@ -263,7 +263,11 @@ fn remove(path: &PathBuf) -> Result<bool, SystemError> {
 mod tests {
     use std::sync::Arc;
 
+    use rustix::io::Errno;
+
     use super::*;
+    use crate::engine::files::faults::{Fault, Faults};
+    use crate::engine::store::verification::verify;
     use crate::engine::trial::{Space, TrialJob, files_below, job};
 
     const DAY: Duration = Duration::from_secs(24 * 3600);
@@ -356,6 +360,27 @@ mod tests {
         age(&space, DAY);
         collected(&space, &Policy { keep_last: Some(1), max_bytes: Some(0), ..no_policy() });
         assert_eq!((space.ran(&chain("one")), space.ran(&chain("two"))), (0, 2));
+    }
+
+    #[test]
+    fn a_collection_that_is_cut_short_anywhere_leaves_no_record_without_its_blob() {
+        // From the n-th call on nothing can be removed, as after a kill.
+        for at in 1.. {
+            let space = Space::new();
+            space.run(&chain("x"));
+            let objects = Arc::new(space.places().folder_store().unwrap().for_inspection());
+            let library = Library::new(objects.clone());
+            let faults = Faults::below(&space.path("store"), at, true, Fault::Error(Errno::IO));
+            let collected = collect(&objects, &library, &space.path("outputs"), &Policy { max_bytes: Some(0), ..no_policy() });
+            let is_met = faults.count() >= at;
+            drop(faults);
+            let findings = verify(objects.layout(), &library).unwrap();
+            assert_eq!(findings.damage, [], "call {at}");
+            if !is_met {
+                assert!(collected.unwrap().records > 0);
+                return;
+            }
+        }
     }
 
     #[test]

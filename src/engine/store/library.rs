@@ -14,6 +14,7 @@ use super::objects::{Draft, Objects, Shelf};
 use super::record::{Blob, Inline, Keyed, PublicationRecord, RECORD_VERSION, ResultRecord, seal, unseal};
 use crate::engine::artifact::{AnyArtifact, ArtifactKind};
 use crate::engine::digest::{Digest, HashingReader, HashingWriter, READ_SIZE};
+use crate::engine::lines::line;
 use crate::engine::system::SystemError;
 
 /// Results of fewer bytes stand in their record.
@@ -144,8 +145,7 @@ impl Library {
 
     /// Writes a record, in place of an earlier one.
     pub fn keep_record(&self, shelf: Shelf, record: &impl Keyed) -> Result<(), SystemError> {
-        let text = serde_json::to_string(record).expect("records are plain data");
-        self.keep_text(shelf, &record.key().to_string(), &seal(&text))
+        self.keep_text(shelf, &record.key().to_string(), &seal(&line(record)))
     }
 
     /// A cache by its name; `None` if it is not there or damaged, which is the same to its reader.
