@@ -100,7 +100,7 @@ impl Scheduler<'_> {
         let (message, hint, is_of_the_system) = match fault {
             Fault::Failed { message, hint } => (message, hint, false),
             Fault::System(message) => (message, None, true),
-            Fault::Interrupted | Fault::NotBegun | Fault::Withdrawn | Fault::Lost(_) => {
+            Fault::Interrupted | Fault::Withdrawn | Fault::Lost(_) => {
                 self.look_for_interrupt();
                 return;
             }

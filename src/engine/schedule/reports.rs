@@ -77,11 +77,6 @@ impl Scheduler<'_> {
             Fault::Failed { message, hint } => self.fail(job, message, hint, false),
             Fault::System(message) => self.fail(job, message, None, true),
             Fault::Withdrawn => self.take_withdrawal(job),
-            Fault::NotBegun => {
-                self.forget_key(job);
-                self.state_mut(job).phase = Phase::Ready;
-                self.look_for_interrupt();
-            }
             Fault::Interrupted => {
                 self.forget_key(job);
                 let state = self.state_mut(job);

@@ -111,8 +111,6 @@ pub enum Fault {
     },
     /// The run is to stop.
     Interrupted,
-    /// The run was to stop before the task was begun.
-    NotBegun,
     /// It was to be left to another run.
     Withdrawn,
     /// The store has lost results of these jobs.
@@ -169,9 +167,6 @@ fn panic_fault(payload: &(dyn Any + Send)) -> Fault {
 }
 
 fn run(shared: &Arc<Shared>, task: &RunTask) -> Result<RanJob, Fault> {
-    if shared.interrupted.load(Ordering::Relaxed) {
-        return Err(Fault::NotBegun);
-    }
     let start = Instant::now();
     let node = &shared.graph.jobs[task.job];
     let lost = LostResults::default();
