@@ -302,6 +302,25 @@ mod tests {
     }
 
     #[test]
+    fn a_file_is_never_seen_half() {
+        let folder = tempfile::tempdir().unwrap();
+        let outputs = outputs(folder.path());
+        let [one, two] = [vec![1; 400_000], vec![2; 400_000]];
+        outputs.write("stage/x", &one).unwrap();
+        let is_over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                (0..100).for_each(|round| outputs.write("stage/x", if round % 2 == 0 { &two } else { &one }).unwrap());
+                is_over.store(true, std::sync::atomic::Ordering::Relaxed);
+            });
+            while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
+                let found = fs::read(folder.path().join("outputs/p/stage/x")).unwrap();
+                assert!(found == one || found == two, "{} bytes", found.len());
+            }
+        });
+    }
+
+    #[test]
     fn a_draft_that_is_not_published_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let outputs = outputs(folder.path());
