@@ -244,7 +244,7 @@ fn conclude(
     if let Some(published) = published.filter(|_| status == Status::Done && system_error.is_none() && !ledger.has_passing_warnings) {
         let run_id = results_of.as_ref().unwrap_or(&run_id);
         let found = Remembered { graph, jobs: &manifest.jobs, outputs, published, run_id, result_id, warnings: &warnings };
-        memory::note(&found, places, &known.library, &mut known.signatures)?;
+        system_error = memory::note(&found, places, &known.library, &mut known.signatures).err();
     }
     for warning in &warnings {
         listener.notify(&Event::Warning { stage: warning.stage.clone(), message: warning.message.clone() });
