@@ -3,6 +3,7 @@
 //! The bars belong to one thread that looks at shared numbers ten times a second; nothing that computes
 //! ever waits for a terminal.
 
+use std::io::Write;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
@@ -144,7 +145,6 @@ const GUESS_COUNT: usize = 5;
 fn paint(board: &Mutex<Board>, is_over: &AtomicBool, rows: usize) {
     let bars = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(20));
     let overall_style = ProgressStyle::with_template("[{pos}/{len}] {wide_bar} {msg}").expect("the template is right");
-    // Not filled up to the edge: the terminal writes `^C` behind the last row, and would go on to another line.
     let row_style = ProgressStyle::with_template("  {msg}").expect("the template is right");
     // A bar that is dropped draws itself once more unless it is told to clear.
     let overall = bars.add(ProgressBar::new(0).with_style(overall_style).with_finish(ProgressFinish::AndClear));
@@ -164,6 +164,9 @@ fn paint(board: &Mutex<Board>, is_over: &AtomicBool, rows: usize) {
             line.set_message(texts.get(index).cloned().unwrap_or_default());
             line.tick();
         }
+        // The cursor is left at the edge of the last row, where the `^C` that a terminal writes would begin another line; then one
+        // line of the bars would stay. At the start of the row it does no harm.
+        let _ = std::io::stderr().write_all(b"\r");
         std::thread::sleep(REFRESH);
     }
     let _ = bars.clear();
