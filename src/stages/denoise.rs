@@ -7,7 +7,7 @@ use crate::engine::artifact::Artifact;
 use crate::engine::job::Job;
 use crate::engine::parameter::Port;
 use crate::engine::stage::{InputSizes, ResultDeclaration, Stage, StageError};
-use crate::image::average::{STANDARD_ERROR, VARIANCE};
+use crate::image::average::NOISE_LAYERS;
 use crate::image::nl_means::{self, Border, Guide, Settings};
 use crate::image::raster::{Image, Layer, Raster};
 
@@ -106,13 +106,12 @@ impl Stage for Denoise {
     fn run(&self, job: &Job<'_>) -> Result<Image, StageError> {
         let image = job.input(&self.of)?;
         let Some(other) = job.optional_input(&self.with)? else {
-            let variance = nl_means::of_mean(&image).ok_or_else(no_variance)?;
+            let variance = nl_means::of_one(&image).ok_or_else(no_variance)?;
             let color = self.filtered(&image.color, &image, &variance, job)?;
             return Ok(with_color(&image, color));
         };
         self.check_sizes(&image, &other)?;
-        let carried = nl_means::of_mean(&image).zip(nl_means::of_mean(&other)).map(|(a, b)| nl_means::mean_of_two(&a, &b));
-        let variance = nl_means::of_two(&image.color, &other.color, carried.as_ref());
+        let variance = nl_means::of_two(&image, &other);
         let first = self.filtered(&image.color, &other, &variance, job)?;
         job.report_progress(0.5);
         let second = self.filtered(&other.color, &image, &variance, job)?;
@@ -190,7 +189,7 @@ fn check_numbers(raster: &Raster, name: &str, least: f32) -> Result<(), StageErr
 
 /// The image with another color, without the layers that told of its noise.
 fn with_color(image: &Image, color: Raster) -> Image {
-    let layers = image.layers.iter().filter(|(name, _)| ![VARIANCE, STANDARD_ERROR].contains(&name.as_str()));
+    let layers = image.layers.iter().filter(|(name, _)| !NOISE_LAYERS.contains(&name.as_str()));
     Image { color, alpha: image.alpha.clone(), layers: layers.map(|(name, layer)| (name.clone(), layer.clone())).collect() }
 }
 

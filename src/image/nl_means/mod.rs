@@ -22,7 +22,7 @@ use crate::image::raster::{Plane, Raster};
 
 use padded::Padded;
 use tile::Tile;
-pub use variance::{of_mean, of_two, raised};
+pub use variance::{of_one, of_two, raised};
 
 /// How far the filter looks, and how much it takes for noise.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,40 +1,61 @@
-//! The variance of a pixel's value: as images carry it, or from two independent images of the same.
+//! The variance of a pixel's value: as an image carries it, or from two independent images of the same.
+//!
+//! What is right in the mean (replicates, differences of two images) rests on few numbers a pixel and is very noisy itself;
+//! what is steady (the spread of a pixel's samples) is wrong by a factor where the samples are spread evenly. So the steady one
+//! gives the pattern and the right one, pooled over a square, its scale: Rousselle et al. (2012), section 5.
 
 use rayon::prelude::*;
 
-use crate::image::average::{STANDARD_ERROR, VARIANCE};
+use super::mean_of_two;
+use crate::image::average::{SAMPLE_VARIANCE, STANDARD_ERROR, VARIANCE};
 use crate::image::raster::{Image, Layer, Raster};
 
-/// Half of the side of the square in which the noise of two images is pooled.
+/// Half of the side of the square in which noise is pooled.
 const POOL_RADIUS: usize = 5;
 
-/// The variance of each channel of each pixel as the image carries it: the square of its layer `standard_error`, which is that of
-/// the mean wherever it was made here, or else its layer `variance`. Nothing if it has neither with three channels.
-pub fn of_mean(image: &Image) -> Option<Raster> {
-    match (image.layers.get(STANDARD_ERROR), image.layers.get(VARIANCE)) {
-        (Some(Layer::Color(error)), _) => {
-            let squares = error.pixels().iter().map(|pixel| pixel.map(|value| value * value)).collect();
-            Some(Raster::new(error.width(), error.height(), squares))
-        }
-        (_, Some(Layer::Color(variance))) => Some(variance.clone()),
-        _ => None,
+/// The variance of each channel of each pixel as the image's layers tell it; nothing if they do not.
+pub fn of_one(image: &Image) -> Option<Raster> {
+    let unbiased = of_mean(image)?;
+    Some(match layer(image, SAMPLE_VARIANCE) {
+        Some(pattern) => scaled(pattern, &unbiased),
+        None => unbiased,
+    })
+}
+
+/// The variance of each channel of a pixel of either of two independent images of the same.
+pub fn of_two(a: &Image, b: &Image) -> Raster {
+    let pixels = a.color.pixels().iter().zip(b.color.pixels());
+    let halves = pixels.map(|(a, b)| std::array::from_fn(|c| 0.5 * (a[c] - b[c]) * (a[c] - b[c])));
+    let unbiased = Raster::new(a.color.width(), a.color.height(), halves.collect());
+    let pattern = |image: &Image| layer(image, SAMPLE_VARIANCE).cloned().or_else(|| of_mean(image));
+    match pattern(a).zip(pattern(b)) {
+        Some((a, b)) => scaled(&mean_of_two(&a, &b), &unbiased),
+        None => box_mean(&unbiased, POOL_RADIUS),
     }
 }
 
-/// The variance of a pixel of either of two independent images of the same: half of their squared difference.
-///
-/// Right in the mean, but of one difference each, so it is pooled over 11 x 11 pixels. Where both images carry a variance
-/// (`carried`, their mean), that is kept and only scaled by the ratio of both pooled: Rousselle et al. (2012), section 5. It is wrong by
-/// a factor for points that are spread evenly, but knows single pixels.
-pub fn of_two(a: &Raster, b: &Raster, carried: Option<&Raster>) -> Raster {
-    let halves = a.pixels().iter().zip(b.pixels()).map(|(a, b)| std::array::from_fn(|c| 0.5 * (a[c] - b[c]) * (a[c] - b[c])));
-    let pooled = box_mean(&Raster::new(a.width(), a.height(), halves.collect()), POOL_RADIUS);
-    let Some(carried) = carried else { return pooled };
-    let pooled_carried = box_mean(carried, POOL_RADIUS);
-    let scaled = pooled.pixels().iter().zip(pooled_carried.pixels()).zip(carried.pixels()).map(|((true_mean, mean), own)| {
-        std::array::from_fn(|c| if mean[c] > 0.0 { own[c] * (true_mean[c] / mean[c]) } else { true_mean[c] })
+/// The square of the layer `standard_error`, which is that of the mean wherever it was made here, or else the layer `variance`.
+fn of_mean(image: &Image) -> Option<Raster> {
+    let Some(error) = layer(image, STANDARD_ERROR) else { return layer(image, VARIANCE).cloned() };
+    let squares = error.pixels().iter().map(|pixel| pixel.map(|value| value * value)).collect();
+    Some(Raster::new(error.width(), error.height(), squares))
+}
+
+/// A layer of three channels.
+fn layer<'a>(image: &'a Image, name: &str) -> Option<&'a Raster> {
+    match image.layers.get(name)? {
+        Layer::Color(raster) => Some(raster),
+        Layer::Scalar(_) => None,
+    }
+}
+
+/// `pattern` times the ratio of both pooled; where the pattern knows of no noise at all, what is pooled.
+fn scaled(pattern: &Raster, unbiased: &Raster) -> Raster {
+    let (of_pattern, of_unbiased) = (box_mean(pattern, POOL_RADIUS), box_mean(unbiased, POOL_RADIUS));
+    let pixels = pattern.pixels().iter().zip(of_pattern.pixels()).zip(of_unbiased.pixels()).map(|((own, mean), right_mean)| {
+        std::array::from_fn(|c| if mean[c] > 0.0 { own[c] * (right_mean[c] / mean[c]) } else { right_mean[c] })
     });
-    Raster::new(a.width(), a.height(), scaled.collect())
+    Raster::new(pattern.width(), pattern.height(), pixels.collect())
 }
 
 /// Variances raised to at least the mean of the 3 x 3 around each, so that pixels whose few samples agree by chance are
@@ -63,8 +84,6 @@ fn box_mean(raster: &Raster, radius: usize) -> Raster {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
 
     #[test]
@@ -75,29 +94,30 @@ mod tests {
         assert_eq!(mean.pixel(1, 1)[2], 15.0 / 6.0);
     }
 
-    #[test]
-    fn the_standard_error_is_asked_first() {
-        let layer = |value| Layer::Color(Raster::filled(1, 1, [value; 3]));
-        let mut image =
-            Image { layers: BTreeMap::from([(VARIANCE.to_string(), layer(5.0))]), ..Image::opaque(Raster::filled(1, 1, [0.0; 3])) };
-        assert_eq!(of_mean(&image).unwrap().pixel(0, 0), [5.0; 3]);
-        image.layers.insert(STANDARD_ERROR.into(), layer(3.0));
-        assert_eq!(of_mean(&image).unwrap().pixel(0, 0), [9.0; 3]);
-        assert!(of_mean(&Image::opaque(Raster::filled(1, 1, [0.0; 3]))).is_none());
+    fn image(color: f32, layers: &[(&str, Raster)]) -> Image {
+        let layers = layers.iter().map(|(name, raster)| (name.to_string(), Layer::Color(raster.clone()))).collect();
+        Image { layers, ..Image::opaque(Raster::filled(20, 20, [color; 3])) }
     }
 
     #[test]
-    fn a_carried_variance_that_is_wrong_by_a_factor_is_scaled_right() {
-        let a = Raster::filled(20, 20, [1.0; 3]);
-        let b = Raster::filled(20, 20, [3.0; 3]);
-        let carried = Raster::new(20, 20, (0..400).map(|i| [if i % 2 == 0 { 10.0 } else { 30.0 }; 3]).collect());
-        let found = of_two(&a, &b, Some(&carried));
+    fn the_standard_error_is_asked_before_the_variance() {
+        let flat = |value| Raster::filled(20, 20, [value; 3]);
+        assert_eq!(of_one(&image(0.0, &[(VARIANCE, flat(5.0))])).unwrap(), flat(5.0));
+        assert_eq!(of_one(&image(0.0, &[(VARIANCE, flat(5.0)), (STANDARD_ERROR, flat(3.0))])).unwrap(), flat(9.0));
+        assert!(of_one(&image(0.0, &[])).is_none());
+    }
+
+    #[test]
+    fn a_pattern_that_is_wrong_by_a_factor_is_scaled_right() {
+        let pattern = Raster::new(20, 20, (0..400).map(|i| [if i % 2 == 0 { 10.0 } else { 30.0 }; 3]).collect());
+        let carried = image(1.0, &[(VARIANCE, Raster::filled(20, 20, [2.0; 3])), (SAMPLE_VARIANCE, pattern.clone())]);
         // Half of (3 - 1)² is 2; eleven columns hold five or six of each sort, so pooled means are 230 or 210 over 11.
-        let (first, second) = (found.pixel(8, 8)[0], found.pixel(9, 8)[0]);
-        assert!(
-            (first - 2.0 * 10.0 / (230.0 / 11.0)).abs() < 1e-5 && (second - 2.0 * 30.0 / (210.0 / 11.0)).abs() < 1e-5,
-            "{first} {second}"
-        );
-        assert_eq!(of_two(&a, &b, None).pixel(3, 3), [2.0; 3]);
+        let two = of_two(&carried, &image(3.0, &[(SAMPLE_VARIANCE, pattern)]));
+        for found in [of_one(&carried).unwrap(), two] {
+            let (first, second) = (found.pixel(8, 8)[0], found.pixel(9, 8)[0]);
+            assert!((first - 2.0 * 10.0 / (230.0 / 11.0)).abs() < 1e-5, "{first}");
+            assert!((second - 2.0 * 30.0 / (210.0 / 11.0)).abs() < 1e-5, "{second}");
+        }
+        assert_eq!(of_two(&image(1.0, &[]), &image(3.0, &[])).pixel(3, 3), [2.0; 3]);
     }
 }
