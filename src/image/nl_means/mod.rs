@@ -68,8 +68,8 @@ pub struct Guide<'a> {
 const FEATURE_FLOOR: f32 = 1e-3;
 const FEATURE_K: f32 = 0.6;
 
-/// Side of a tile in pixels: its planes stay in the first caches.
-const TILE: usize = 64;
+/// Width and height of a tile in pixels: its planes stay in the caches, and what is computed around it is little.
+const TILE: [usize; 2] = [128, 64];
 
 /// `target` with each pixel averaged over its window by the weights of `guide`, which may be the target itself.
 ///
@@ -83,13 +83,12 @@ pub fn filter<E: Send>(
 ) -> Result<Raster, E> {
     let (width, height) = (target.width(), target.height());
     let padded = Padded::new(target, guide, settings);
-    let tiles = height.div_ceil(TILE) * width.div_ceil(TILE);
+    let across = width.div_ceil(TILE[0]);
     let place = |index: usize| {
-        let across = width.div_ceil(TILE);
-        let (x, y) = (index % across * TILE, index / across * TILE);
-        ([x, y], [TILE.min(width - x), TILE.min(height - y)])
+        let (x, y) = (index % across * TILE[0], index / across * TILE[1]);
+        ([x, y], [TILE[0].min(width - x), TILE[1].min(height - y)])
     };
-    let filtered = (0..tiles).into_par_iter().map(|index| {
+    let filtered = (0..across * height.div_ceil(TILE[1])).into_par_iter().map(|index| {
         check()?;
         let (at, size) = place(index);
         Ok(Tile::new(at, size, settings).filtered(&padded))

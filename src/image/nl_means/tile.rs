@@ -1,5 +1,6 @@
 //! One tile of a filtered image: distances, weights and sums, offset by offset.
 
+use std::num::NonZeroUsize;
 use std::ops::Range;
 
 use super::Settings;
@@ -44,9 +45,9 @@ impl Tile {
             for dx in -radius..=radius {
                 let offset = dy * image.width as isize + dx;
                 self.measure(image, offset);
-                self.sum_windows(2 * self.settings.patch_radius as usize + 1);
+                self.sum_squares(self.settings.patch_radius as usize);
                 self.weigh(image, offset);
-                self.sum_windows(2 * self.settings.patchwise_radius() + 1);
+                self.sum_squares(self.settings.patchwise_radius());
                 self.gather(image, offset);
             }
         }
@@ -68,31 +69,31 @@ impl Tile {
         self.values = values;
     }
 
-    fn sum_windows(&mut self, length: usize) {
-        if length > 1 {
-            let stride = self.stride();
-            self.windows.slide(&mut self.values, length, 1);
-            self.windows.slide(&mut self.values, length, stride);
-        }
+    /// Sums over squares of 2 `radius` + 1 values, each at the place of the square's first value.
+    fn sum_squares(&mut self, radius: usize) {
+        let length = NonZeroUsize::MIN.saturating_add(2 * radius);
+        let stride = self.stride();
+        self.windows.slide(&mut self.values, length, 1);
+        self.windows.slide(&mut self.values, length, stride);
     }
 
     /// Sums of distances become weights.
     fn weigh(&mut self, image: &Padded, offset: isize) {
         let around = self.settings.patchwise_radius();
         let side = (2 * self.settings.patch_radius + 1) as f32;
+        let count = side * side;
         let (columns, rows, stride) = (self.size[0] + 2 * around, self.size[1] + 2 * around, self.stride());
         for row in 0..rows {
             let here = self.span(image, around, row);
             let there = moved(&here, offset);
             let values = &mut self.values[row * stride..row * stride + columns];
-            values.iter_mut().for_each(|sum| *sum *= 1.0 / (side * side));
             for feature in &image.features {
                 let (own, other) = (&feature.values[here.clone()], &feature.values[there.clone()]);
-                for (((distance, own), other), scale) in values.iter_mut().zip(own).zip(other).zip(&feature.scale[here.clone()]) {
-                    *distance = distance.max((own - other) * (own - other) * scale);
+                for (((sum, own), other), scale) in values.iter_mut().zip(own).zip(other).zip(&feature.scale[here.clone()]) {
+                    *sum = sum.max((own - other) * (own - other) * scale * count);
                 }
             }
-            values.iter_mut().for_each(|distance| *distance = single::exp(-distance.max(0.0)));
+            values.iter_mut().for_each(|sum| *sum = single::exp(sum.max(0.0) * (-1.0 / count)));
         }
     }
 
