@@ -69,8 +69,15 @@ pub enum Density {
     Uniform,
     /// In proportion to luminance.
     Full,
-    /// In proportion to what luminance exceeds its mean: for use beside scattering alone.
-    Compensated,
+    /// In proportion to what luminance exceeds a part of its mean, for use beside scattering alone: with so many draws
+    /// to one of scattering, the part is 2 / (draws + 1), that is all of it for one draw.
+    ///
+    /// Then the mean of all densities comes nearest to the luminance: (draws p + p_scattering) / (draws + 1) with the
+    /// density of scattering taken for that of the hemisphere, twice that of the sphere.
+    Compensated {
+        /// Draws of the map to one of scattering.
+        draws: u32,
+    },
 }
 
 /// A direction drawn from a map.
@@ -127,9 +134,13 @@ impl Environment {
         let Luminances { mean, least } = Luminances::of(&pixels, &solid_angles);
         // A nearly constant map would be left with rounding; scattering alone is the better sampler there.
         let is_even = mean - least <= 0.01 * mean;
-        let density = if density == Density::Compensated && is_even { Density::Full } else { density };
+        let is_compensated = matches!(density, Density::Compensated { .. });
+        let density = if is_compensated && is_even { Density::Full } else { density };
         check()?;
-        let floor = if density == Density::Compensated { mean } else { 0.0 };
+        let floor = match density {
+            Density::Compensated { draws } => mean * 2.0 / (f64::from(draws) + 1.0),
+            Density::Uniform | Density::Full => 0.0,
+        };
         let excess = |pixel: &Pixel| (pixel.luminance() - floor).max(0.0);
         let table = (density != Density::Uniform).then(|| Table::new(&mut pixels, &solid_angles, excess));
         let rotation = (rotate_degrees / 360.0).rem_euclid(1.0) as f32;
@@ -142,7 +153,7 @@ impl Environment {
         self.mean
     }
 
-    /// The density that is used: `Full` where `Compensated` was asked for and saves nothing.
+    /// The density that is used: `Full` where a compensated one was asked for and saves nothing.
     pub fn density(&self) -> Density {
         self.density
     }
@@ -431,7 +442,7 @@ mod tests {
         EnvMap::new(Raster::new(width, height, pixels))
     }
 
-    const DENSITIES: [Density; 3] = [Density::Uniform, Density::Full, Density::Compensated];
+    const DENSITIES: [Density; 4] = [Density::Uniform, Density::Full, Density::Compensated { draws: 1 }, Density::Compensated { draws: 4 }];
 
     #[test]
     fn radiance_is_that_of_the_nearest_pixel() {
@@ -498,9 +509,9 @@ mod tests {
     fn directions_follow_their_density() {
         let map = test_maps::noisy(24, 12);
         const DRAWS: u32 = 200_000;
-        for density in DENSITIES {
+        for (seed, density) in (0..).zip(DENSITIES) {
             let environment = environment(&map, 0.0, density);
-            let mut numbers = Stream::new(8, Purpose::Test).generator(density as u64);
+            let mut numbers = Stream::new(8, Purpose::Test).generator(seed);
             let mut observed = vec![0; 24 * 12];
             for _ in 0..DRAWS {
                 let bits = numbers.bits();
@@ -550,7 +561,7 @@ mod tests {
         let black = environment(&test_maps::constant(8, 4, [0.0; 3]), 0.0, Density::Full);
         assert_eq!(black.sample([1 << 31; 2]), None);
         assert_eq!(black.radiance(Vec3::Y), Vec3::ZERO);
-        let even = environment(&test_maps::constant(8, 4, [2.0; 3]), 0.0, Density::Compensated);
+        let even = environment(&test_maps::constant(8, 4, [2.0; 3]), 0.0, Density::Compensated { draws: 1 });
         assert_eq!(even.density(), Density::Full);
         assert!((even.mean_luminance() - 2.0).abs() < 1e-12);
     }

@@ -208,11 +208,25 @@ impl IntegratorDescription {
 
     /// The density by which directions towards the environment are drawn.
     pub fn environment_density(&self) -> Density {
-        match self {
+        let (environment, strategy, mis_compensation) = match self {
             // No directions are drawn.
-            Self::Normals(_) => Density::Uniform,
-            Self::Direct(kind) => density(kind.environment, kind.strategy, kind.mis_compensation),
-            Self::Path(kind) => density(kind.environment, kind.strategy, kind.mis_compensation),
+            Self::Normals(_) => return Density::Uniform,
+            Self::Direct(kind) => (kind.environment, kind.strategy, kind.mis_compensation),
+            Self::Path(kind) => (kind.environment, kind.strategy, kind.mis_compensation),
+        };
+        match (environment, strategy) {
+            (EnvironmentSampling::Uniform, _) => Density::Uniform,
+            // It needs scattering beside it, at every vertex.
+            (EnvironmentSampling::Importance, Strategy::Mis) if mis_compensation => Density::Compensated { draws: self.draws() },
+            (EnvironmentSampling::Importance, _) => Density::Full,
+        }
+    }
+
+    /// Draws of lights at a vertex.
+    fn draws(&self) -> u32 {
+        match self.compiled() {
+            Integrator::Normals => 0,
+            Integrator::Path(transporter) => transporter.draws(),
         }
     }
 
@@ -240,13 +254,4 @@ impl IntegratorDescription {
 fn candidates(written: Option<NonZeroU32>, environment: EnvironmentSampling, strategy: Strategy) -> u32 {
     let is_best = environment == EnvironmentSampling::Importance && strategy == Strategy::Mis;
     written.map_or(if is_best { 4 } else { 1 }, NonZeroU32::get)
-}
-
-/// A compensated density needs scattering beside it, at every vertex.
-fn density(environment: EnvironmentSampling, strategy: Strategy, mis_compensation: bool) -> Density {
-    match (environment, strategy) {
-        (EnvironmentSampling::Uniform, _) => Density::Uniform,
-        (EnvironmentSampling::Importance, Strategy::Mis) if mis_compensation => Density::Compensated,
-        (EnvironmentSampling::Importance, _) => Density::Full,
-    }
 }

@@ -222,7 +222,7 @@ impl Transporter {
 
     /// Draws of lights at a vertex.
     #[inline]
-    fn draws(&self) -> u32 {
+    pub fn draws(&self) -> u32 {
         self.emitter_samples * self.emitter_candidates
     }
 
