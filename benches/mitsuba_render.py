@@ -6,7 +6,8 @@
       [--venv DIR] [--json FILE]
 
 Needs the network once: installs the wheels `mitsuba` and `numpy` by name into a virtual environment. The variant
-llvm_ad_rgb also needs a libLLVM (Debian: apt-get install libllvm15); without one it is skipped aloud. `+best` is
+llvm_ad_rgb also needs a libLLVM, 16 or later (Debian: apt-get install libllvm19, or DRJIT_LIBLLVM_PATH); without one it
+is skipped aloud. `+best` is
 Mitsuba with `multijitter` and `mis_compensation`; all others run at their defaults.
 
 Scenes: the diffuse sphere as a shape and as 16 000 triangles (max depth 2) and a displaced sphere of a million triangles in
@@ -223,10 +224,10 @@ stages:
         shutil.rmtree(out)
         return done | {"picture": picture}
 
-    def mitsuba(self, program, name, samples, seed, sampler=None):
+    def mitsuba(self, program, name, samples, seed, sampler=None, size=None):
         variant, _, best = program.partition("+")
         mesh = MESHES.get(name)
-        job = {"variant": variant, "scene": name, "size": self.size, "samples": samples, "seed": seed, "depth": DEPTHS[name],
+        job = {"variant": variant, "scene": name, "size": size or self.size, "samples": samples, "seed": seed, "depth": DEPTHS[name],
                "sampler": sampler or ("multijitter" if best else "independent"), "compensation": bool(best),
                "mesh": mesh and f"{self.folder}/{mesh}", "map": f"{self.folder}/map.pfm", "out": self.fresh(".npy")}
         done = run([self.python, "-c", MITSUBA, json.dumps(job)])
@@ -280,14 +281,14 @@ stages:
         return count / 2 * 2 ** ((low - math.log(0.01)) / (low - high))
 
 
-def has_variant(python, variant):
-    """Whether a variant starts here; says so if not."""
-    code = f"import mitsuba as mi; mi.set_variant({variant!r}); import drjit as dr; print(dr.sum(dr.arange(mi.Float, 9)) if 'llvm' in {variant!r} else 0)"
+def has_variant(bench, program):
+    """Whether a variant renders here; says so if not."""
     try:
-        run([python, "-c", code])
+        bench.mitsuba(program, "metal", 1, 1, size=8)
         return True
     except RuntimeError as error:
-        print(f"skipped: {variant} does not run here: {str(error).strip().splitlines()[-1]}", flush=True)
+        reasons = [line for line in str(error).splitlines() if "rror" in line]
+        print(f"skipped: {program} does not run here: {(reasons or ['no reason given'])[-1].strip()}", flush=True)
         return False
 
 
@@ -311,7 +312,7 @@ def main():
         run([python, "-c", INPUTS, folder])
         bench = Bench(pipeline, python, folder, options.size)
         programs = options.programs.split(",")
-        missing = {program for program in programs if program != "pipeline" and not has_variant(python, program.partition("+")[0])}
+        missing = {program for program in programs if program != "pipeline" and not has_variant(bench, program)}
         rows = []
         print(f"{'scene':8} {'program':17} {'Ms/cpu-s':>8} {f'cpu-s@{counts[0]}':>8} {'relMSE*n':>8} {'to .01':>6} {'cpu-s':>6} "
               f"{'load s':>6} {'MB':>5} {'mean':>8} {'|z|':>5}", flush=True)
