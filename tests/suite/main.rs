@@ -6,6 +6,7 @@ mod language;
 mod mistakes;
 mod provenance;
 mod reasons;
+mod render_options;
 mod rendering;
 mod reuse;
 mod space;
