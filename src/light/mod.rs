@@ -13,10 +13,10 @@ pub mod lights;
 pub mod median_cut;
 pub mod nearest;
 pub mod points;
+pub mod profiles;
 pub mod relight;
 pub mod samples;
 pub mod sampling;
-pub mod summed_area;
 pub mod synthesis;
 #[cfg(test)]
 pub(crate) mod test_maps;

@@ -26,6 +26,8 @@ pub enum Purpose {
     PixelSampling = 5,
     /// Paths of the renderer.
     Rendering = 6,
+    /// Directions that each pixel draws by the lobe of its surface.
+    LobeSampling = 20,
     /// Data made by tests and benchmarks.
     Test = 1000,
 }

@@ -4,6 +4,7 @@
 //! canonical bytes. Adding a kind is one file here and one row in `registry`.
 
 pub mod artifacts;
+pub mod assess;
 pub mod average;
 pub mod compare;
 pub mod conversion;
@@ -57,6 +58,7 @@ pub fn registry() -> Registry {
         .with::<tone_map::ToneMap>()
         .with::<compare::Compare>()
         .with::<average::Average>()
+        .with::<assess::Assess>()
         .with::<table::Collect>()
         .with::<plot::Plot>()
         .with::<grid::Grid>()

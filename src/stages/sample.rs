@@ -295,7 +295,7 @@ impl Stage for SampleStage {
 
     fn run(&self, job: &Job<'_>) -> Result<SampleSet, StageError> {
         let env = job.optional_input(&self.env)?;
-        let mut set = self.draw(job, env.as_deref()).map_err(stage_error)?;
+        let mut set = self.draw(job, env.as_deref()).map_err(sampling_error)?;
         if let Some(env) = env {
             sampling::look_up(&mut set, &env);
         }
@@ -307,7 +307,8 @@ fn size(map: &EnvMap) -> [u32; 2] {
     [map.width() as u32, map.height() as u32]
 }
 
-fn stage_error(error: SamplingError<StageError>) -> StageError {
+/// What to do about directions that cannot be drawn.
+pub fn sampling_error(error: SamplingError<StageError>) -> StageError {
     match error {
         SamplingError::Interrupted(error) => error,
         SamplingError::NotSquare { .. } => StageError::content(error),
