@@ -10,6 +10,8 @@ use crate::image::raster::{Image, Layer, Raster};
 use crate::math::statistics::{self, Interval};
 
 /// What the runs say of an estimator. Squares and variances are means over channels and covered pixels.
+///
+/// Of a single run (an estimator that does not scatter) there is no variance and no interval: those are NaN.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Assessment {
     /// Number of runs.
@@ -40,12 +42,9 @@ pub struct Estimate {
 /// Runs that cannot be assessed.
 #[derive(Debug, thiserror::Error)]
 pub enum AssessmentError<E> {
-    /// One run has no scatter.
-    #[error("`{count}` runs do not show how much an estimator scatters; at least 2 are needed")]
-    TooFew {
-        /// The runs given.
-        count: usize,
-    },
+    /// Nothing was given.
+    #[error("there is no run to assess")]
+    NoRuns,
     /// Sizes or coverage differ.
     #[error(transparent)]
     Average(#[from] AverageError),
@@ -85,16 +84,14 @@ pub fn assess<E, I: Iterator<Item = Result<std::sync::Arc<Image>, E>>>(
     confidence: f64,
 ) -> Result<Assessed, AssessmentError<E>> {
     let mut running: Option<RunningMean> = None;
-    let mut count = 0;
     for run in runs() {
         let run = run.map_err(AssessmentError::Source)?;
         match &mut running {
             None => running = Some(RunningMean::of(&run)),
             Some(mean) => mean.push(&run)?,
         }
-        count += 1;
     }
-    let Some(mean) = running.filter(|_| count > 1).map(RunningMean::finish) else { return Err(AssessmentError::TooFew { count }) };
+    let mean = running.map(RunningMean::finish).ok_or(AssessmentError::NoRuns)?;
     let sizes = [reference, &mean].map(|image| [image.color.width(), image.color.height()]);
     if sizes[0] != sizes[1] {
         return Err(AssessmentError::Size { reference: sizes[0], runs: sizes[1] });
@@ -142,7 +139,7 @@ impl Errors {
         let count = self.signed.len() as f64;
         // The mean of squared deviations from the runs' own mean is short by one part of n.
         let scatter: Vec<f64> = self.scatter.iter().map(|scatter| scatter * count / (count - 1.0)).collect();
-        let variance = estimate(&scatter, confidence, |variance| variance.max(0.0));
+        let variance = estimate(&scatter, confidence, at_least_zero);
         let bias_square = mean_over(covered, |index, c| {
             let bias = channel(mean, index, c) - channel(reference, index, c);
             bias * bias
@@ -151,12 +148,17 @@ impl Errors {
             run_count: self.signed.len(),
             reference: mean_over(covered, |index, c| channel(reference, index, c)),
             bias: estimate(&self.signed, confidence, |bias| bias),
-            bias_rms: (bias_square - variance.value / count).max(0.0).sqrt(),
+            bias_rms: if count > 1.0 { (bias_square - variance.value / count).max(0.0).sqrt() } else { bias_square.sqrt() },
             z_rms: z_rms(mean, reference, covered),
             variance,
-            rmse: estimate(&self.squared, confidence, |square| square.max(0.0).sqrt()),
+            rmse: estimate(&self.squared, confidence, |square| at_least_zero(square).sqrt()),
         }
     }
+}
+
+/// Unlike `max`, keeps NaN.
+fn at_least_zero(value: f64) -> f64 {
+    if value < 0.0 { 0.0 } else { value }
 }
 
 /// `of` the mean of values, and of the ends of its interval.
@@ -240,9 +242,16 @@ mod tests {
     }
 
     #[test]
+    fn one_run_is_all_bias() {
+        let found = assessed(&image(4, |_| 1.0), &[Arc::new(image(4, |k| 1.0 + k as f32))]).unwrap().assessment;
+        assert_eq!((found.bias.value, found.rmse.value, found.bias_rms), (1.5, 3.5_f64.sqrt(), 3.5_f64.sqrt()));
+        assert!(found.variance.value.is_nan() && found.bias.interval.low.is_nan() && found.z_rms.is_nan());
+    }
+
+    #[test]
     fn runs_that_cannot_be_assessed_are_refused() {
         let runs = noisy_runs(2, 4, 1.0, 0.1);
-        assert!(matches!(assessed(&image(4, |_| 1.0), &runs[..1]), Err(AssessmentError::TooFew { count: 1 })));
+        assert!(matches!(assessed(&image(4, |_| 1.0), &[]), Err(AssessmentError::NoRuns)));
         assert!(matches!(assessed(&image(5, |_| 1.0), &runs), Err(AssessmentError::Size { .. })));
         let bare = Image { alpha: Some(crate::image::raster::Plane { width: 4, height: 1, values: vec![0.0; 4] }), ..image(4, |_| 1.0) };
         assert!(matches!(assessed(&bare, &runs), Err(AssessmentError::Nothing)));

@@ -219,6 +219,25 @@ impl<'a> Sampler<'a> {
         }
     }
 
+    /// Directions of points of [0, 1)² with the map's radiance and their densities: all that an estimate needs, and no more.
+    ///
+    /// The directions, radiances and densities of [`Self::samples`], but for roundings.
+    pub fn lit<const N: usize>(&self, map: &EnvMap, points: &[[f64; 2]; N]) -> [Lit; N] {
+        let pixel = |x: u32, y: u32| map.raster.pixel(x as usize, y as usize);
+        if self.placement != Placement::SolidAngle {
+            let lit = |sample: Sample| Lit { direction: sample.direction, radiance: pixel(sample.x, sample.y), pdf: sample.pdf };
+            return self.samples(points).map(lit);
+        }
+        let placed = self.warp.place_all(points);
+        // Apart from the arithmetic, so that all reads are on their way at once.
+        let radiances: [[f32; 3]; N] = std::array::from_fn(|k| pixel(placed[k].pixel.x, placed[k].pixel.y));
+        std::array::from_fn(|k| {
+            let Placed { pixel, inside } = placed[k];
+            let pdf = pixel.pmf * self.directions.densities[pixel.y as usize];
+            Lit { direction: self.directions.within(pixel, inside), radiance: radiances[k], pdf }
+        })
+    }
+
     /// Density per steradian with which a unit direction is drawn; the same function as that of the samples.
     pub fn pdf(&self, direction: DVec3) -> f64 {
         let distribution = self.warp.distribution();
@@ -256,18 +275,25 @@ impl<'a> Sampler<'a> {
 
     fn in_solid_angle(&self, Placed { pixel, inside }: Placed) -> Sample {
         let distribution = self.warp.distribution();
-        let Band { top, bottom, side } = self.directions.bands[pixel.y as usize];
-        // 1 - |cos theta|, whose digits do not cancel near the poles, is uniform in solid angle.
-        let depth = top + (bottom - top) * inside[1];
-        let sin_theta = (depth * (2.0 - depth)).sqrt();
+        let direction = self.directions.within(pixel, inside);
         let u = (f64::from(pixel.x) + inside[0]) / distribution.width() as f64;
-        let (sin_phi, cos_phi) = elementary::sin_cos(u * 2.0 * PI);
-        let direction = DVec3::new(sin_theta * cos_phi, side * (1.0 - depth), sin_theta * sin_phi);
-        let from_pole = 2.0 * elementary::asin((depth / 2.0).sqrt()) / PI;
+        let Band { top, bottom, side } = self.directions.bands[pixel.y as usize];
+        let from_pole = 2.0 * elementary::asin(((top + (bottom - top) * inside[1]) / 2.0).sqrt()) / PI;
         let v = if side > 0.0 { from_pole } else { 1.0 - from_pole };
         let pdf = pixel.pmf / distribution.solid_angle(pixel.y as usize);
         Sample { x: pixel.x, y: pixel.y, u, v, direction, pmf: pixel.pmf, pdf, radiance: None }
     }
+}
+
+/// A direction from which a map shines.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lit {
+    /// Unit direction towards the map.
+    pub direction: DVec3,
+    /// What comes from there.
+    pub radiance: [f32; 3],
+    /// Density per steradian.
+    pub pdf: f64,
 }
 
 /// Sines and cosines of all rows and columns: thousands, where samples may be millions.
@@ -276,6 +302,12 @@ struct Directions {
     rows: Vec<Angle>,
     columns: Vec<Angle>,
     bands: Vec<Band>,
+    /// Of each column: cosine and sine at its left edge.
+    edges: Vec<[f64; 2]>,
+    /// Azimuth that a column spans, in radians.
+    column_angle: f64,
+    /// Of each row: one over the solid angle of a pixel.
+    densities: Vec<f64>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -310,18 +342,53 @@ impl Band {
     }
 }
 
+/// Cosine and sine of an angle in radians.
+fn edge(radians: f64) -> [f64; 2] {
+    let (sin, cos) = elementary::sin_cos(radians);
+    [cos, sin]
+}
+
+/// Angles below this many radians have cosine and sine from [`small_turn`].
+const SMALL_TURN: f64 = 0.1;
+
+/// Cosine and sine of a small angle by their series, to all digits.
+#[inline]
+fn small_turn(radians: f64) -> [f64; 2] {
+    let square = radians * radians;
+    let cos = 1.0 - square / 2.0 * (1.0 - square / 12.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0)));
+    let sin = radians * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))));
+    [cos, sin]
+}
+
 impl Directions {
     fn of(distribution: &Distribution) -> Self {
         let angle = |radians: f64, whole: f64| {
             let (sin, cos) = elementary::sin_cos(radians);
             Angle { sin, cos, position: radians / whole }
         };
-        let height = distribution.height();
+        let (height, column_angle) = (distribution.height(), 2.0 * PI / distribution.width() as f64);
         Self {
             rows: (0..height).map(|y| angle(distribution.theta(y), PI)).collect(),
             columns: (0..distribution.width()).map(|x| angle(distribution.phi(x), 2.0 * PI)).collect(),
             bands: (0..height).map(|y| Band::of_row(y, height)).collect(),
+            edges: (0..distribution.width()).map(|x| edge(x as f64 * column_angle)).collect(),
+            column_angle,
+            densities: (0..height).map(|y| 1.0 / distribution.solid_angle(y)).collect(),
         }
+    }
+
+    /// The direction at a place in a pixel that is uniform in solid angle if the place is uniform on [0, 1)².
+    #[inline]
+    fn within(&self, pixel: Pixel, inside: [f64; 2]) -> DVec3 {
+        let Band { top, bottom, side } = self.bands[pixel.y as usize];
+        // 1 - |cos theta|, whose digits do not cancel near the poles, is uniform in solid angle.
+        let depth = top + (bottom - top) * inside[1];
+        let sin_theta = (depth * (2.0 - depth)).sqrt();
+        let ([cos_edge, sin_edge], turn) = (self.edges[pixel.x as usize], inside[0] * self.column_angle);
+        let [cos_turn, sin_turn] = if self.column_angle < SMALL_TURN { small_turn(turn) } else { edge(turn) };
+        let cos_phi = cos_edge * cos_turn - sin_edge * sin_turn;
+        let sin_phi = sin_edge * cos_turn + cos_edge * sin_turn;
+        DVec3::new(sin_theta * cos_phi, side * (1.0 - depth), sin_theta * sin_phi)
     }
 
     /// As [`envmap::direction_at`] gives it.
@@ -366,6 +433,7 @@ mod tests {
     use crate::image::raster::Raster;
     use crate::light::distribution::Settings;
     use crate::light::envmap::Angles;
+    use crate::light::test_maps::noisy;
 
     fn go() -> Result<(), Infallible> {
         Ok(())
@@ -448,6 +516,32 @@ mod tests {
                     assert_eq!(sample.pmf, table.pmf(sample.x as usize, sample.y as usize));
                 }
                 assert!(differing <= 1, "{warp:?} {placement:?}: {differing}");
+            }
+        }
+    }
+
+    #[test]
+    fn small_turns_are_turns_to_all_digits() {
+        for k in 0..=1000 {
+            let radians = SMALL_TURN * f64::from(k) / 1000.0;
+            let ([cos, sin], [cos_found, sin_found]) = (edge(radians), small_turn(radians));
+            assert!((cos - cos_found).abs() < 2.0 * f64::EPSILON && (sin - sin_found).abs() < f64::EPSILON, "{radians}");
+        }
+    }
+
+    #[test]
+    fn lit_directions_are_those_of_the_samples() {
+        let map = noisy(96, 48);
+        let table = table(&map);
+        for warp in WARPS {
+            for placement in ALL {
+                let sampler = Sampler::new(&table, warp, placement, go).unwrap();
+                let points: [[f64; 2]; 64] = std::array::from_fn(|k| Stream::new(2, Purpose::Test).generator(k as u64).uniform_pair());
+                for (lit, sample) in sampler.lit(&map, &points).iter().zip(sampler.samples(&points)) {
+                    assert!((lit.direction - sample.direction).length() < 1e-14);
+                    assert!((lit.pdf / sample.pdf - 1.0).abs() < 1e-14);
+                    assert_eq!(lit.radiance, map.raster.pixel(sample.x as usize, sample.y as usize));
+                }
             }
         }
     }

@@ -17,7 +17,7 @@ use crate::image::raster::Image;
 /// The first result is a table of one row: `runs`; `bias` (mean signed error), `bias_low`, `bias_high`; `bias_rms` (over pixels,
 /// less what scatter adds to it); `z_rms` (about 1 if unbiased); `variance` (of one run), `variance_low`, `variance_high`; `rmse` (of one
 /// run), `rmse_low`, `rmse_high`; `relative_rmse` (over the mean of the reference), `relative_bias_rms`; `work`, and `efficiency`, 1 / (variance x
-/// work), `efficiency_low`, `efficiency_high`, empty where nothing scatters. Intervals are Student's t over the runs. The result `.bias` is the mean
+/// work), `efficiency_low`, `efficiency_high`, empty where nothing scatters. Of a single run, for estimators that do not draw, there is no variance and no interval. Intervals are Student's t over the runs. The result `.bias` is the mean
 /// of the runs less the reference, in linear light. Pixels whose alpha is 0 do not count.
 ///
 /// Work is counted, not timed, so that results are the same on every machine: `setup` and, for each covered pixel of the picture,
@@ -25,7 +25,7 @@ use crate::image::raster::Image;
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Assess {
-    /// The runs: one reference or a list; at least two images.
+    /// The runs: one reference or a list; several images, or one of an estimator that does not draw.
     pub of: Ports<Image>,
     /// The axes that are runs; by default all. The others remain axes of the stage.
     #[serde(default)]
@@ -114,7 +114,6 @@ fn number(value: f64) -> Cell {
 fn stage_error(error: AssessmentError<StageError>) -> StageError {
     match error {
         AssessmentError::Source(error) => error,
-        AssessmentError::TooFew { .. } => StageError::content_with_hint(error, "give `of` an axis of seeds: `run: { range: [1, 16, 1] }`"),
         other => StageError::content(other),
     }
 }
@@ -161,7 +160,11 @@ mod tests {
     }
 
     #[test]
-    fn one_run_is_not_enough() {
-        assert!(run("{ of: [a], to: b }", vec![image(1.5)]).unwrap_err().contains("at least 2"));
+    fn one_run_has_an_error_and_no_variance() {
+        let (table, _) = run("{ of: [a], to: b }", vec![image(1.5)]).unwrap();
+        assert_eq!(
+            (value(&table, "rmse"), value(&table, "variance"), value(&table, "rmse_low")),
+            (Cell::Number(0.5), Cell::Empty, Cell::Empty)
+        );
     }
 }

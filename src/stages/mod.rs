@@ -20,6 +20,7 @@ pub mod origin;
 pub mod plot;
 pub mod profile;
 pub mod rasters;
+pub mod reach;
 pub mod relight;
 pub mod render;
 pub mod sample;
@@ -60,6 +61,7 @@ pub fn registry() -> Registry {
         .with::<average::Average>()
         .with::<assess::Assess>()
         .with::<table::Collect>()
+        .with::<reach::ReachStage>()
         .with::<plot::Plot>()
         .with::<grid::Grid>()
         .with_artifact::<EnvMap>()

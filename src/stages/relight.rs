@@ -708,7 +708,7 @@ mod tests {
     use super::*;
 
     fn parsed(yaml: &str) -> Relight {
-        serde_yaml::from_str(yaml).unwrap()
+        serde_yaml::with::singleton_map_recursive::deserialize(serde_yaml::Deserializer::from_str(yaml)).unwrap()
     }
 
     fn faulty_fields(yaml: &str) -> Vec<String> {

@@ -13,7 +13,7 @@ use crate::light::envmap::EnvMap;
 use crate::light::points::{Arrangement, PointSet};
 use crate::light::relight::lobe::{Lobe, Reflection};
 use crate::light::relight::sphere::{self, Scanline};
-use crate::light::sampling::Sampler;
+use crate::light::sampling::{Lit, Sampler};
 use crate::math::stream::Purpose;
 
 /// By what directions are drawn.
@@ -130,12 +130,11 @@ impl Drawing<'_> {
             }
             let sampler = self.sampler.expect("a technique that draws by the map has a sampler");
             let batch: [[f64; 2]; BATCH] = std::array::from_fn(|i| points.point((first + i) as u64));
-            for sample in sampler.samples(&batch).into_iter().take(counts[0] - first) {
-                let value = reflection.value(sample.direction);
-                if value > 0.0 && sample.pdf > 0.0 {
-                    let other = if counts[1] > 0 { by_lobe * reflection.pdf(sample.direction) } else { 0.0 };
-                    let radiance = self.map.raster.pixel(sample.x as usize, sample.y as usize);
-                    add(sum, radiance, value * self.technique.weight(by_map * sample.pdf, other));
+            for Lit { direction, radiance, pdf } in sampler.lit(self.map, &batch).into_iter().take(counts[0] - first) {
+                let value = reflection.value(direction);
+                if value > 0.0 && pdf > 0.0 {
+                    let other = if counts[1] > 0 { by_lobe * reflection.pdf(direction) } else { 0.0 };
+                    add(sum, radiance, value * self.technique.weight(by_map * pdf, other));
                 }
             }
         }
