@@ -22,7 +22,8 @@ pub struct Assessment {
     pub bias: Estimate,
     /// Root of the mean over pixels of the squared bias, less what scatter adds to it; 0 where scatter explains all.
     pub bias_rms: f64,
-    /// Root of the mean of squared z-values, (mean - reference) / standard error: about 1 for an unbiased estimator.
+    /// Root of the mean of squared z-values, (mean - reference) / standard error: of n runs about the root of (n - 1) / (n - 3) for an
+    /// unbiased estimator of normal scatter.
     pub z_rms: f64,
     /// Variance of one run.
     pub variance: Estimate,

@@ -15,7 +15,8 @@ use crate::image::raster::Image;
 /// Assesses an estimator from independent runs against a reference: bias, variance, error and efficiency, with intervals.
 ///
 /// The first result is a table of one row: `runs`; `bias` (mean signed error), `bias_low`, `bias_high`; `bias_rms` (over pixels,
-/// less what scatter adds to it); `z_rms` (about 1 if unbiased); `variance` (of one run), `variance_low`, `variance_high`; `rmse` (of one
+/// less what scatter adds to it); `z_rms` (of S runs about the root of (S - 1) / (S - 3) if unbiased; no measure
+/// where rare events carry the mean); `variance` (of one run), `variance_low`, `variance_high`; `rmse` (of one
 /// run), `rmse_low`, `rmse_high`; `relative_rmse` (over the mean of the reference), `relative_bias_rms`; `work`, and `efficiency`, 1 / (variance x
 /// work), `efficiency_low`, `efficiency_high`, empty where nothing scatters. Of a single run, for estimators that do not draw, there is no variance and no interval. Intervals are Student's t over the runs. The result `.bias` is the mean
 /// of the runs less the reference, in linear light. Pixels whose alpha is 0 do not count.

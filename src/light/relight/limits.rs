@@ -24,6 +24,7 @@ pub struct Integrand<'a> {
 enum Kind {
     Radiance,
     EqualWeight { total: f64 },
+    EqualWeightAsDrawn,
     NormalizedColor,
     NormalizedColorSine,
 }
@@ -70,7 +71,7 @@ impl<'a> Integrand<'a> {
     /// The truth for `pdf-weighted`, unless pixels that shine are out of reach.
     pub fn drawn_from(estimator: SampleEstimator, distribution: &'a Distribution) -> Self {
         let kind = match estimator {
-            SampleEstimator::EqualWeight => Kind::EqualWeight { total: 1.0 },
+            SampleEstimator::EqualWeight => Kind::EqualWeightAsDrawn,
             SampleEstimator::NormalizedColor => Kind::NormalizedColor,
             SampleEstimator::NormalizedColorSine => Kind::NormalizedColorSine,
             SampleEstimator::PdfWeighted => Kind::Radiance,
@@ -86,7 +87,7 @@ impl<'a> Integrand<'a> {
             return [0.0; 3];
         }
         let (color, factor) = match self.kind {
-            Kind::EqualWeight { .. } if self.reach.is_some() => (radiance, probability.unwrap_or(0.0)),
+            Kind::EqualWeightAsDrawn => (radiance, probability.expect("it is made with what it is drawn from")),
             Kind::Radiance => (radiance, map.solid_angle(y)),
             Kind::EqualWeight { total } => (radiance, intensity(radiance) * center_sine(map, y) / total),
             Kind::NormalizedColor => (color_direction(radiance), intensity(radiance)),
