@@ -186,7 +186,7 @@ fn rows_by<E: Send>(
     intensity: impl Fn([f32; 3]) -> f64 + Sync,
     check: &(impl Fn() -> Result<(), E> + Sync),
 ) -> Result<Vec<f64>, E> {
-    let of_row = |y: usize| in_lanes(&raster.row(y)[across(region)], |color| intensity(color)) * factors[y];
+    let of_row = |y: usize| in_lanes(&raster.row(y)[across(region)], &intensity) * factors[y];
     let pieces = of_pieces(region, |rows| rows.map(of_row).collect::<Vec<f64>>(), check)?;
     Ok(pieces.into_iter().flatten().collect())
 }

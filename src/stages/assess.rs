@@ -101,7 +101,7 @@ fn table(Assessed { assessment, .. }: &Assessed, work: f64) -> Table {
     ];
     let names = columns
         .iter()
-        .flat_map(|(name, cells)| ["", "_low", "_high"].iter().take(cells.len()).map(move |end| Column::new(&format!("{name}{end}"), "")));
+        .flat_map(|(name, cells)| ["", "_low", "_high"].iter().take(cells.len()).map(move |end| Column::new(format!("{name}{end}"), "")));
     let mut table = Table::new(names.collect());
     table.push(columns.iter().flat_map(|(_, cells)| cells.iter().cloned()).collect());
     table

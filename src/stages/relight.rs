@@ -468,8 +468,8 @@ impl Relight {
             (_, Some(_)) if self.limit || self.count.is_some() => Err(needs_distribution()),
             (estimator, Some(Source::Illumination(Illumination::Samples(samples)))) => {
                 let estimator = estimator.unwrap_or(Estimator::PdfWeighted);
-                let by_samples = estimator.of_samples().ok_or_else(|| other_from_samples(estimator))?;
-                self.from_samples(&samples, env.as_deref(), by_samples, lobe, job)
+                let estimator = estimator.of_samples().ok_or_else(|| other_from_samples(estimator))?;
+                self.by_samples(&samples, env.as_deref(), estimator, lobe, job)
             }
             (Some(estimator), Some(Source::Illumination(Illumination::Lights(_)))) => Err(samples_from_lights(estimator)),
             (_, None) => Err(StageError::content("there is nothing to estimate with; set `with` to samples or lights")),
@@ -477,7 +477,7 @@ impl Relight {
     }
 
     /// The sphere from a set of samples.
-    fn from_samples(
+    fn by_samples(
         &self,
         samples: &SampleSet,
         env: Option<&EnvMap>,
