@@ -10,3 +10,4 @@ mod rendering;
 mod reuse;
 mod space;
 mod store;
+mod versions;
