@@ -4,6 +4,7 @@
 //! canonical bytes. Adding a kind is one file here and one row in `registry`.
 
 pub mod artifacts;
+pub mod assess;
 pub mod average;
 pub mod compare;
 pub mod conversion;
@@ -20,6 +21,7 @@ pub mod origin;
 pub mod plot;
 pub mod profile;
 pub mod rasters;
+pub mod reach;
 pub mod relight;
 pub mod render;
 pub mod sample;
@@ -59,7 +61,9 @@ pub fn registry() -> Registry {
         .with::<tone_map::ToneMap>()
         .with::<compare::Compare>()
         .with::<average::Average>()
+        .with::<assess::Assess>()
         .with::<table::Collect>()
+        .with::<reach::ReachStage>()
         .with::<plot::Plot>()
         .with::<grid::Grid>()
         .with_artifact::<EnvMap>()

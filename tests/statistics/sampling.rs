@@ -6,8 +6,10 @@ use std::f64::consts::PI;
 use pipeline::image::raster::Raster;
 use pipeline::light::distribution::{Distribution, Intensity, Settings, Sine};
 use pipeline::light::envmap::EnvMap;
-use pipeline::light::samples::Sample;
-use pipeline::light::sampling;
+use pipeline::light::points::{Arrangement, strata};
+use pipeline::light::samples::{Sample, SampleSet};
+use pipeline::light::sampling::{self, Draw, Placement};
+use pipeline::light::warp::WarpKind;
 use pipeline::math::elementary;
 use pipeline::math::statistics::{chi_square_test, chi_square_upper, mean, normal_cdf, standard_error};
 use pipeline::math::stream::{Purpose, Stream};
@@ -54,6 +56,10 @@ fn pmf_by_definition(map: &EnvMap) -> Vec<f64> {
     let weights: Vec<f64> = (0..map.width() * map.height()).map(weight).collect();
     let total: f64 = weights.iter().sum();
     weights.iter().map(|weight| weight / total).collect()
+}
+
+fn drawn(distribution: &Distribution, arrangement: Arrangement, count: usize, seed: u64) -> SampleSet {
+    sampling::draw(distribution, &Draw::of(arrangement, count, seed), go).unwrap()
 }
 
 /// The cell of a lat-long grid in which the sample's direction lies, from the direction alone.
@@ -203,7 +209,7 @@ fn clustered_rows_follow_the_marginal_and_their_columns_the_conditional() {
         let pmf = pmf_by_definition(&map);
         let rows: Vec<f64> = pmf.chunks(width).map(|row| row.iter().sum()).collect();
         let side = 2_000;
-        let samples = sampling::rows_then_columns(&table(&map, Sine::Center), side * side, 5, go).unwrap().samples;
+        let samples = drawn(&table(&map, Sine::Center), Arrangement::RowsThenColumns, side * side, 5).samples;
 
         let mut row_counts = vec![0; height];
         let mut counts = vec![0; width * height];
@@ -232,10 +238,10 @@ fn clustered_rows_follow_the_marginal_and_their_columns_the_conditional() {
 fn stratified_points_fall_one_into_each_cell() {
     // On an even map whose pixels are the cells, each pixel is drawn exactly once.
     for count in [1, 12, 64, 97, 1000, 4096] {
-        let [rows, columns] = sampling::strata(count);
+        let [rows, columns] = strata(count);
         let map = EnvMap::new(Raster::filled(columns, rows, [1.0; 3]));
         for seed in 0..20 {
-            let samples = sampling::stratified(&table(&map, Sine::None), count, seed, go).unwrap().samples;
+            let samples = drawn(&table(&map, Sine::None), Arrangement::Stratified, count, seed).samples;
             let cells: Vec<usize> = samples.iter().map(|sample| sample.y as usize * columns + sample.x as usize).collect();
             assert_eq!(cells, (0..count).collect::<Vec<_>>());
         }
@@ -257,7 +263,7 @@ fn stratified_directions_follow_the_map_over_many_seeds() {
         let distribution = table(&map, Sine::Center);
         let mut counts = vec![0; map.width() * map.height()];
         for seed in 0..200_000 {
-            let samples = sampling::stratified(&distribution, count, seed, go).unwrap().samples;
+            let samples = drawn(&distribution, Arrangement::Stratified, count, seed).samples;
             let sample = &samples[seed as usize % count];
             counts[cell_of(sample, map.width(), map.height())] += 1;
         }
@@ -266,7 +272,7 @@ fn stratified_directions_follow_the_map_over_many_seeds() {
 }
 
 fn settings(sine: Sine, intensity: Intensity, clamp: Option<f32>) -> Settings {
-    Settings { sine, intensity, clamp }
+    Settings { sine, intensity, clamp, ..Settings::default() }
 }
 
 fn is_near(found: f64, expected: f64, digit: f64) -> bool {
