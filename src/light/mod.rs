@@ -10,6 +10,7 @@ pub mod harmonics;
 pub mod lights;
 pub mod median_cut;
 pub mod relight;
+pub mod rigs;
 pub mod samples;
 pub mod sampling;
 pub mod summed_area;
