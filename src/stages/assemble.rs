@@ -14,7 +14,7 @@ use crate::figure::table::{Cell, Column, Table};
 use crate::formats::{self, Content, Limits};
 use crate::image::assembly::response::{self, Curve, Recovery};
 use crate::image::assembly::{self, Assembled, AssemblyError, Exposure, Exposures, Response, Settings, Weighting};
-use crate::image::raster::{Image, Picture, PictureSamples, Raster};
+use crate::image::raster::{Image, Picture, PictureSamples, Plane, Raster};
 use crate::math::elementary;
 use crate::stages::plot::with_axes_of_fields;
 use crate::stages::rasters::LinearOrPicture;
@@ -22,7 +22,7 @@ use crate::stages::rasters::LinearOrPicture;
 /// Puts photographs with different exposure times together into one image of linear light.
 ///
 /// Either `files` names the photographs with their times, or `of` takes them from other stages and `seconds` says which
-/// axis holds the times. ln E is the mean of ln X(z) - ln t over the exposures, weighted by the code z; X is the response
+/// axis holds the times. Where a photograph has alpha 0, so has the image. ln E is the mean of ln X(z) - ln t over the exposures, weighted by the code z; X is the response
 /// (Debevec & Malik 1997, equation 6). A radiance of 1 is what is just white in one second. Each channel is
 /// taken by itself; pixels that no exposure shows well are bounds, and are counted in a warning. `.response` is the
 /// recovered curve (empty if none was asked for), `.range` one row: how many exposures, saturated and black pixels, and the
@@ -244,7 +244,7 @@ impl Stage for Assemble {
         let assembled = assembly::assemble(&exposures, &settings, || job.check())?;
         warn(&assembled, &exposures, job);
         let range = range_table(&assembled, &exposures);
-        let image = Image::opaque(assembled.radiance);
+        let image = Image { alpha: assembled.alpha, ..Image::opaque(assembled.radiance) };
         Ok(vec![AnyArtifact::new(image), AnyArtifact::new(response_table(curves.as_deref())), AnyArtifact::new(range)])
     }
 }
@@ -269,26 +269,28 @@ impl Assemble {
             job.check()?;
             let name = file.path.0.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let decoded = formats::read(&job.read(&file.path)?, &name, &Limits::default()).map_err(StageError::content)?;
-            let (codes, is_image) = match decoded.content {
-                Content::Linear(image) => (image.color, true),
-                Content::Display(picture) => (codes(&picture), false),
+            let (codes, alpha) = match decoded.content {
+                Content::Linear(image) => (image.color, image.alpha),
+                Content::Display(picture) => {
+                    is_linear = false;
+                    (codes(&picture), alpha(&picture))
+                }
             };
-            is_linear &= is_image;
-            photographs.push(Exposure { name: format!("`{}`", formats::escaped(&name)), codes, seconds: file.seconds });
+            photographs.push(Exposure { name: format!("`{}`", formats::escaped(&name)), codes, alpha, seconds: file.seconds });
         }
         let collected = self.of.iter().flat_map(|ports| job.collected(ports));
         for input in collected {
             job.check()?;
             let input = input?;
             let (name, seconds) = (name_of(&input), self.time_of(&input)?);
-            let codes = match input.value {
-                LinearOrPicture::Linear(image) => image.color.clone(),
+            let (codes, alpha) = match input.value {
+                LinearOrPicture::Linear(image) => (image.color.clone(), image.alpha.clone()),
                 LinearOrPicture::Picture(picture) => {
                     is_linear = false;
-                    codes(&picture)
+                    (codes(&picture), alpha(&picture))
                 }
             };
-            photographs.push(Exposure { name, codes, seconds });
+            photographs.push(Exposure { name, codes, alpha, seconds });
         }
         Ok((photographs, is_linear))
     }
@@ -335,6 +337,12 @@ fn codes(picture: &Picture) -> Raster {
         PictureSamples::Sixteen(samples) => samples.iter().map(|pixel| pixel.map(|code| f32::from(code) / 65_535.0)).collect(),
     };
     Raster::new(picture.width, picture.height, pixels)
+}
+
+/// Where a picture shows something: only whether alpha is 0 counts.
+fn alpha(picture: &Picture) -> Option<Plane> {
+    let alpha = picture.alpha.as_ref()?;
+    Some(Plane { width: picture.width, height: picture.height, values: alpha.iter().map(|alpha| f32::from((*alpha).min(1))).collect() })
 }
 
 /// `shot[seconds=0.5]`.

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::image::assembly::response::Curve;
 use crate::image::color;
-use crate::image::raster::Raster;
+use crate::image::raster::{Plane, Raster};
 use crate::math::elementary;
 
 /// A photograph and how long it was exposed.
@@ -23,6 +23,8 @@ pub struct Exposure {
     pub name: String,
     /// Codes over the largest code, 0 to 1.
     pub codes: Raster,
+    /// Alpha; where it is 0 in any photograph, nothing is known. `None` means 1 everywhere.
+    pub alpha: Option<Plane>,
     /// Exposure time; any unit that is the same for all.
     pub seconds: f64,
 }
@@ -94,6 +96,8 @@ pub struct Settings {
 pub struct Assembled {
     /// Radiance up to a factor: a pixel that would be just white in one second has 1.
     pub radiance: Raster,
+    /// 0 where a photograph has alpha 0, else 1; `None` where all are opaque.
+    pub alpha: Option<Plane>,
     /// Pixels with a channel that is too bright in every exposure in which it is not too dark: the value is the least it
     /// can be.
     pub saturated_count: u64,
@@ -185,6 +189,11 @@ impl Exposures {
         &self.0
     }
 
+    /// Whether all photographs show something there.
+    fn is_covered(&self, [x, y]: [usize; 2]) -> bool {
+        self.0.iter().all(|exposure| exposure.alpha.as_ref().is_none_or(|alpha| alpha.values[y * alpha.width + x] > 0.0))
+    }
+
     fn size(&self) -> [usize; 2] {
         [self.0[0].codes.width(), self.0[0].codes.height()]
     }
@@ -225,8 +234,11 @@ pub fn assemble<E: Send + From<AssemblyError>>(
         return Err(AssemblyError::NothingExposed { below, above, names: exposures.names() }.into());
     }
     let range = rows.iter().filter_map(|row| row.range).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+    let is_opaque = exposures.0.iter().all(|exposure| exposure.alpha.is_none());
+    let coverage = |index: usize| f32::from(u8::from(exposures.is_covered([index % width, index / width])));
     Ok(Assembled {
         radiance: Raster::new(width, height, pixels),
+        alpha: (!is_opaque).then(|| Plane { width, height, values: (0..width * height).map(coverage).collect() }),
         saturated_count: sum(|row| row.saturated),
         black_count: sum(|row| row.black),
         range,
@@ -244,7 +256,7 @@ struct RowCounts {
 
 fn assemble_row(exposures: &Exposures, settings: &Settings, y: usize, row: &mut [[f32; 3]]) -> RowCounts {
     let mut counts = RowCounts::default();
-    for (x, pixel) in row.iter_mut().enumerate() {
+    for (x, pixel) in row.iter_mut().enumerate().filter(|(x, _)| exposures.is_covered([*x, y])) {
         let found = [0, 1, 2].map(|channel| of_channel(exposures, settings, [x, y], channel));
         counts.measured += found.iter().filter(|found| matches!(found, Found::Measured(_))).count() as u64;
         counts.saturated += u64::from(found.iter().any(|found| matches!(found, Found::AtLeast(_))));
@@ -300,7 +312,7 @@ mod tests {
     }
 
     fn exposure(codes: Vec<[f32; 3]>, seconds: f64) -> Exposure {
-        Exposure { name: format!("`{seconds} s`"), codes: Raster::new(codes.len(), 1, codes), seconds }
+        Exposure { name: format!("`{seconds} s`"), codes: Raster::new(codes.len(), 1, codes), alpha: None, seconds }
     }
 
     fn settings(response: Response) -> Settings {
@@ -368,6 +380,14 @@ mod tests {
         assert_eq!(values, [2.0, 0.0, 1.0, 0.5]);
         assert_eq!((found.saturated_count, found.black_count), (2, 1));
         assert_eq!(found.range.map(|range| range.map(|value| (value * 1e6).round() / 1e6)), Some([1.0, 1.0]));
+    }
+
+    #[test]
+    fn what_a_photograph_does_not_show_is_not_counted() {
+        let mut exposures = vec![exposure(vec![[0.5; 3], [0.0; 3]], 1.0), exposure(vec![[0.5; 3], [0.0; 3]], 2.0)];
+        exposures[1].alpha = Some(Plane { width: 2, height: 1, values: vec![1.0, 0.0] });
+        let found = assemble(&Exposures::new(exposures).unwrap(), &settings(Response::Linear), on).unwrap();
+        assert_eq!((found.alpha.unwrap().values, found.black_count), (vec![1.0, 0.0], 0));
     }
 
     #[test]

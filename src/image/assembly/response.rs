@@ -64,7 +64,8 @@ pub fn recover<E: From<AssemblyError>>(
     recovery: &Recovery,
     check: impl Fn() -> Result<(), E>,
 ) -> Result<[Curve; 3], E> {
-    let pixels = chosen(exposures, recovery.pixel_count);
+    let mut pixels = chosen(exposures, recovery.pixel_count);
+    pixels.retain(|pixel| exposures.is_covered(*pixel));
     let curve = |channel| -> Result<Curve, E> {
         check()?;
         Ok(of_channel(exposures.as_slice(), &pixels, channel, recovery.smoothness)?)
@@ -181,7 +182,12 @@ mod tests {
         let light: Vec<[f64; 3]> = (0..width * height).map(|_| [0, 1, 2].map(|_| elementary::exp2(-stops * generator.uniform()))).collect();
         let of_time = |seconds: f64| {
             let code = |light: f64| ((encode((light * seconds).min(1.0)) * 255.0).round() / 255.0) as f32;
-            Exposure { name: "a".into(), codes: Raster::new(width, height, light.iter().map(|pixel| pixel.map(code)).collect()), seconds }
+            Exposure {
+                name: "a".into(),
+                codes: Raster::new(width, height, light.iter().map(|pixel| pixel.map(code)).collect()),
+                alpha: None,
+                seconds,
+            }
         };
         Exposures::new(times.iter().map(|time| of_time(*time)).collect()).unwrap()
     }
