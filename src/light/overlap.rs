@@ -4,7 +4,7 @@
 //! the pixels of a map are rectangles. A patch becomes a polygon there, whose part in every rectangle has a closed form.
 //! Patches that share a corner or an edge share the vertices, so patches that cover the sphere once cover every pixel
 //! once, to rounding: no light is lost or made. The edges between vertices are straight in these coordinates instead of
-//! on the sphere, which moves a little of the area of a patch to its neighbor (tests: below 1e-4 of it) and adds nothing.
+//! on the sphere, which moves a little of the area of a patch to its neighbor (tests: below 2e-4 of it, on pictures of 16 pixels a side) and adds nothing.
 //!
 //! Knows no layout; see `layout` for patches and `reproject` for what is done with the parts.
 
@@ -329,7 +329,8 @@ mod tests {
         let expected = TAU * (1.0 - elementary::cos(angle));
         for axis in [DVec3::Y, -DVec3::Y, DVec3::X, DVec3::new(1.0, 0.0, -1e-3).normalize(), DVec3::new(0.2, 0.9, 0.1).normalize()] {
             let total: f64 = (0..5).flat_map(|k| shares(&grid, &sector(axis, angle, [f64::from(k) / 5.0, f64::from(k + 1) / 5.0]))).sum();
-            assert!((total / expected - 1.0).abs() < 5e-5, "{axis}: {total} for {expected}");
+            // Chords of 0.01 in a circle of radius 0.4 cut off a sixth of the square of 0.025.
+            assert!((total / expected - 1.0).abs() < 1.1e-4, "{axis}: {total} for {expected}");
         }
     }
 
@@ -345,7 +346,8 @@ mod tests {
             assert!(found.iter().all(|share| *share > -1e-15));
             let row = if side > 0.0 { 0 } else { 7 };
             let (least, most) = found[row * 12..(row + 1) * 12].iter().fold((f64::INFINITY, 0.0_f64), |(a, b), c| (a.min(*c), b.max(*c)));
-            assert!(least > 0.8 * most, "{least} {most}");
+            // Thirty degrees of a square have tan 30 / 2 of a quarter beside the axes, and 1 - tan 30 at the diagonals.
+            assert!((least / most - 0.288_675 / 0.422_65).abs() < 5e-3, "{least} {most}");
         }
     }
 

@@ -278,7 +278,7 @@ mod tests {
         let (side, width) = (16, 128);
         let (octahedral, _) = areas(&chart(Layout::Octahedral, side), width, width / 2);
         for area in octahedral {
-            assert!((area * (side * side) as f64 / (4.0 * PI) - 1.0).abs() < 1e-4, "{area}");
+            assert!((area * (side * side) as f64 / (4.0 * PI) - 1.0).abs() < 2e-4, "{area}");
         }
         // From the corner of a face: atan(x y / sqrt(x² + y² + 1)) for the rectangle from its middle to (x, y).
         let corner = |x: f64, y: f64| elementary::atan2(x * y, (x * x + y * y + 1.0).sqrt());
@@ -399,7 +399,7 @@ mod tests {
         let turned = turned(&map, turn, on).unwrap();
         for y in 0..64 {
             // The pixels at the poles are wedges, whose middle of area is not at half of their height.
-            let allowed = if y == 0 || y == 63 { 0.012 } else { 3e-3 };
+            let allowed = if y == 0 || y == 63 { 0.015 } else { 3e-3 };
             for x in 0..128 {
                 let expected = smooth(turn.transpose() * map.direction(x, y));
                 for (found, expected) in turned.raster.pixel(x, y).into_iter().zip(expected) {

@@ -381,7 +381,7 @@ fn warn(assembled: &Assembled, exposures: &Exposures, job: &Job<'_>) {
 
 /// One row for each of the 256 codes, or none.
 fn response_table(curves: Option<&[Curve; 3]>) -> Table {
-    let columns = [("code", ""), ("r", "ln exposure"), ("g", "ln exposure"), ("b", "ln exposure")];
+    let columns = [("code", ""), ("r", ""), ("g", ""), ("b", "")];
     let mut table = Table::new(columns.map(|(name, unit)| Column::new(name, unit)).to_vec());
     for code in curves.into_iter().flat_map(|_| 0..response::KNOT_COUNT) {
         let values = curves.into_iter().flatten().map(|curve| Cell::Number(curve.knots()[code]));
