@@ -289,7 +289,7 @@ mod tests {
                 let [x0, x1, y0, y1] = [edge(x % side), edge(x % side + 1), edge(y), edge(y + 1)];
                 let expected = corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0);
                 let found = strip[y * 6 * side + x];
-                assert!((found / expected - 1.0).abs() < 1e-4, "({x}, {y}): {found} for {expected}");
+                assert!((found / expected - 1.0).abs() < 2e-4, "({x}, {y}): {found} for {expected}");
             }
         }
     }
@@ -398,8 +398,9 @@ mod tests {
         let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, -2.0) / 3.0, 2.5);
         let turned = turned(&map, turn, on).unwrap();
         for y in 0..64 {
-            // The pixels at the poles are wedges, whose middle of area is not at half of their height.
-            let allowed = if y == 0 || y == 63 { 0.015 } else { 3e-3 };
+            // The pixels at the poles are wedges, whose middle of area lies a sixth of their height from their middle: at most
+            // the slope of the map, 2.3, times 0.008.
+            let allowed = if y == 0 || y == 63 { 0.019 } else { 3e-3 };
             for x in 0..128 {
                 let expected = smooth(turn.transpose() * map.direction(x, y));
                 for (found, expected) in turned.raster.pixel(x, y).into_iter().zip(expected) {

@@ -309,7 +309,8 @@ def blender(folder, _):
     agreement("blender: the sphere under the script's suns against relight: lights", picture, pfm(folder / "lights.pfm"), errors)
     for name, load in (
         ("glTF, unitless mode", lambda: bpy.ops.import_scene.gltf(filepath=str(folder / "cut.gltf"), export_import_convert_lighting_mode="COMPAT")),
-        ("USD", lambda: bpy.ops.wm.usd_import(filepath=str(folder / "cut.usda"), import_lights=True)),
+        # Blender makes four units of a sun's strength of one of intensity, whatever angle and normalize are.
+        ("USD, a quarter", lambda: bpy.ops.wm.usd_import(filepath=str(folder / "cut.usda"), import_lights=True, light_intensity_scale=0.25)),
     ):
         bpy.ops.wm.read_factory_settings(use_empty=True)
         load()
