@@ -36,8 +36,8 @@ fn photographs_become_an_image_and_what_they_do_not_show_is_counted() {
 fn a_set_that_is_none_is_refused_at_its_line() {
     for (files, words) in [
         ("{ path: short.ppm }, { path: long.ppm, seconds: 2 }", "`seconds`"),
-        ("{ path: short.ppm, seconds: 0 }, { path: long.ppm, seconds: 2 }", "above 0"),
-        ("{ path: short.ppm, seconds: -0.5 }, { path: long.ppm, seconds: 2 }", "above 0"),
+        ("{ path: short.ppm, seconds: 0 }, { path: long.ppm, seconds: 2 }", "greater than 0"),
+        ("{ path: short.ppm, seconds: -0.5 }, { path: long.ppm, seconds: 2 }", "greater than 0"),
         ("{ path: short.ppm, seconds: fast }, { path: long.ppm, seconds: 2 }", "`fast`"),
         ("{ path: short.ppm, seconds: 1 }", "one exposure"),
         ("", "no photographs"),
