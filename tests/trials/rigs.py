@@ -26,7 +26,7 @@ version: 1
 pipeline: rigs
 params: {{ map: synthetic:cathedral }}
 stages:
-  env:    {{ load: {{ path: $map, resize: 256 }}, save: pfm }}
+  env:    {{ load: {{ path: $map, resize: 256 }}, save: [pfm, exr] }}
   cut:    {{ median-cut: {{ of: env, count: {COUNT} }}, save: [json, gltf, usda, pbrt, mitsuba, blender] }}
   lights: {{ relight: {{ with: cut, size: {SIZE}, supersample: 8 }}, save: pfm }}
   exact:  {{ relight: {{ env: env, estimator: exact, size: {SIZE}, supersample: 8 }}, save: pfm }}
@@ -315,6 +315,22 @@ def blender(folder, _):
         bpy.ops.wm.read_factory_settings(use_empty=True)
         load()
         suns(f"its importer of {name}", irradiances, directions)
+
+    # Without interpolation Blender reads a lat-long map as we do: its +x is ours, and the way round is the same.
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    world = bpy.context.scene.world = bpy.data.worlds.new("world")
+    world.use_nodes = True
+    nodes = world.node_tree.nodes
+    texture, background = nodes.new("ShaderNodeTexEnvironment"), nodes.new("ShaderNodeBackground")
+    texture.image = bpy.data.images.load(str(folder / "env.exr"))
+    texture.image.colorspace_settings.name = "Non-Color"
+    texture.interpolation = "Closest"
+    output = next((node for node in nodes if node.type == "OUTPUT_WORLD"), None) or nodes.new("ShaderNodeOutputWorld")
+    world.node_tree.links.new(texture.outputs["Color"], background.inputs["Color"])
+    world.node_tree.links.new(background.outputs["Background"], output.inputs["Surface"])
+    world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 1024
+    picture, errors = blender_sphere(folder)
+    agreement("blender: the sphere under the map against relight: exact", picture, pfm(folder / "exact.pfm"), errors)
 
 
 def blender_sphere(folder):
