@@ -130,10 +130,13 @@ fn scattered<E: Send>(
     grid: &Grid,
     check: &(impl Fn() -> Result<(), E> + Sync),
 ) -> Result<Vec<Received>, E> {
-    const ROWS_AT_ONCE: usize = 32;
+    // Shares that wait to be added, 32 bytes each: a large map under a small picture has many a row.
+    const SHARES_AT_ONCE: usize = 1 << 20;
+    let shares_per_row = grid.width() * grid.height() / chart.height() + 4 * chart.width();
+    let rows_at_once = (SHARES_AT_ONCE / shares_per_row).clamp(1, 64);
     let mut received = vec![Received::default(); grid.width() * grid.height()];
-    for first in (0..chart.height()).step_by(ROWS_AT_ONCE) {
-        let rows = first..(first + ROWS_AT_ONCE).min(chart.height());
+    for first in (0..chart.height()).step_by(rows_at_once) {
+        let rows = first..(first + rows_at_once).min(chart.height());
         let given: Result<Vec<_>, E> =
             rows.into_par_iter().map_init(Scratch::default, |scratch, y| row_given(picture, chart, grid, y, scratch, check)).collect();
         for (index, share, light) in given?.into_iter().flatten() {

@@ -7,6 +7,7 @@ use crate::engine::artifact::Artifact;
 use crate::engine::job::Job;
 use crate::engine::parameter::Port;
 use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
+use crate::formats::Limits;
 use crate::image::raster::Image;
 use crate::light::envmap::EnvMap;
 use crate::light::layout::{Chart, Layout};
@@ -58,10 +59,11 @@ impl Stage for Unwrap {
         let chart = Chart::new(self.layout, size, &disk)?;
         let side = if self.layout.is_disk() { (2.0 * disk.radius).ceil() as usize } else { self.layout.side_of(size) };
         let height = self.height.map_or_else(|| self.layout.map_height_for(side), |height| height as usize);
-        let found = reproject::unwrap(&picture, &chart, [2 * height, height], || job.check())?;
+        let (width, height) = Limits::default().checked("map", 2 * height as u64, height as u64).map_err(StageError::content)?;
+        let found = reproject::unwrap(&picture, &chart, [width, height], || job.check())?;
         let found = found.ok_or_else(|| StageError::content("the picture shows no direction: its alpha is 0 everywhere"))?;
         if found.hidden_count > 0 {
-            let share = 100.0 * found.hidden_count as f64 / (2 * height * height) as f64;
+            let share = 100.0 * found.hidden_count as f64 / (width * height) as f64;
             job.warn(format!(
                 "{} pixels of the map ({share:.2} %) are not in the picture and continue their surroundings",
                 found.hidden_count

@@ -57,6 +57,7 @@ impl Stage for Wrap {
         let map = job.input(&self.of)?;
         let side = self.size.map_or_else(|| self.layout.side_for(map.height()), |side| side as usize);
         let size = self.layout.size(side);
+        Limits::default().checked("picture", size[0] as u64, size[1] as u64).map_err(StageError::content)?;
         let chart = Chart::new(self.layout, size, &self.view.disk(size))?;
         reproject::wrap(&map, &chart, || job.check())
     }
