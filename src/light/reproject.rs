@@ -175,8 +175,9 @@ fn row_given<E>(
 fn grown(pixels: &[Option<[f32; 3]>], width: usize, height: usize) -> Vec<Option<[f32; 3]>> {
     let neighbors = |x: usize, y: usize| {
         let beside = [((x + 1) % width, y), ((x + width - 1) % width, y)];
-        let above = (y > 0).then(|| (x, y - 1)).unwrap_or(((x + width / 2) % width, y));
-        let below = (y + 1 < height).then(|| (x, y + 1)).unwrap_or(((x + width / 2) % width, y));
+        let across = ((x + width / 2) % width, y);
+        let above = if y > 0 { (x, y - 1) } else { across };
+        let below = if y + 1 < height { (x, y + 1) } else { across };
         [beside[0], beside[1], above, below]
     };
     let mean = |index: usize| {

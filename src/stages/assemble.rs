@@ -12,7 +12,7 @@ use crate::engine::parameter::{InputFile, Ports};
 use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
 use crate::figure::table::{Cell, Column, Table};
 use crate::formats::{self, Content, Limits};
-use crate::image::assembly::response::{self, Curve, Recovery};
+use crate::image::assembly::response::{self, Recovery};
 use crate::image::assembly::{self, Assembled, AssemblyError, Exposure, Exposures, Response, Settings, Weighting};
 use crate::image::raster::{Image, Picture, PictureSamples, Plane, Raster};
 use crate::math::elementary;
@@ -238,14 +238,14 @@ impl Stage for Assemble {
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {
         let (photographs, is_linear) = self.photographs(job)?;
         let exposures = Exposures::new(photographs)?;
-        let (response, curves) = self.response(&exposures, is_linear, job)?;
+        let response = self.response(&exposures, is_linear, job)?;
         let (ignore_below, ignore_above) = (self.ignore_below, self.ignore_above);
         let settings = Settings { weighting: self.weighting, ignore_below, ignore_above, response };
         let assembled = assembly::assemble(&exposures, &settings, || job.check())?;
         warn(&assembled, &exposures, job);
         let range = range_table(&assembled, &exposures);
         let image = Image { alpha: assembled.alpha, ..Image::opaque(assembled.radiance) };
-        Ok(vec![AnyArtifact::new(image), AnyArtifact::new(response_table(curves.as_deref())), AnyArtifact::new(range)])
+        Ok(vec![AnyArtifact::new(image), AnyArtifact::new(response_table(&settings.response)), AnyArtifact::new(range)])
     }
 }
 
@@ -308,23 +308,22 @@ impl Assemble {
         value.number().ok_or_else(|| StageError::content(format!("the exposure time `{value}` of {} is not a number", name_of(input))))
     }
 
-    /// What light codes stand for, and the curves if they were recovered.
-    fn response(&self, exposures: &Exposures, is_linear: bool, job: &Job<'_>) -> Result<(Response, Option<Box<[Curve; 3]>>), StageError> {
+    fn response(&self, exposures: &Exposures, is_linear: bool, job: &Job<'_>) -> Result<Response, StageError> {
         let usual = if is_linear { ResponseChoice::Linear } else { ResponseChoice::Srgb };
         Ok(match self.response.unwrap_or(usual) {
-            ResponseChoice::Srgb => (Response::Srgb, None),
-            ResponseChoice::Linear => (Response::Linear, None),
-            ResponseChoice::Gamma(gamma) => (Response::Gamma(gamma), None),
+            ResponseChoice::Srgb => Response::Srgb,
+            ResponseChoice::Linear => Response::Linear,
+            ResponseChoice::Gamma(gamma) => Response::Gamma(gamma),
             ResponseChoice::Recovered => {
                 let pixel_count = self.pixel_count.map_or(2000, |count| count.get() as usize);
                 let recovery = Recovery { pixel_count, smoothness: self.smoothness.unwrap_or(10.0) };
-                let curves: Box<[Curve; 3]> = Box::new(response::recover(exposures, &recovery, || job.check())?);
+                let curves = response::recover(exposures, &recovery, || job.check())?;
                 for (curve, channel) in curves.iter().zip(["red", "green", "blue"]) {
                     if let Some(code) = curve.first_fall() {
                         job.warn(format!("the recovered response of {channel} does not rise at code {code}; raise `smoothness`"));
                     }
                 }
-                (Response::Recovered(curves.clone()), Some(curves))
+                Response::Recovered(Box::new(curves))
             }
         })
     }
@@ -379,12 +378,13 @@ fn warn(assembled: &Assembled, exposures: &Exposures, job: &Job<'_>) {
     }
 }
 
-/// One row for each of the 256 codes, or none.
-fn response_table(curves: Option<&[Curve; 3]>) -> Table {
+/// One row for each of the 256 codes of a recovered response, none for others.
+fn response_table(response: &Response) -> Table {
     let columns = [("code", ""), ("r", ""), ("g", ""), ("b", "")];
     let mut table = Table::new(columns.map(|(name, unit)| Column::new(name, unit)).to_vec());
-    for code in curves.into_iter().flat_map(|_| 0..response::KNOT_COUNT) {
-        let values = curves.into_iter().flatten().map(|curve| Cell::Number(curve.knots()[code]));
+    let Response::Recovered(curves) = response else { return table };
+    for code in 0..response::KNOT_COUNT {
+        let values = curves.iter().map(|curve| Cell::Number(curve.knots()[code]));
         table.push(std::iter::once(Cell::Integer(code as i128)).chain(values).collect());
     }
     table
