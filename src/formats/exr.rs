@@ -83,8 +83,9 @@ pub fn write(image: &Image, entries: &[Entry<'_>]) -> Result<Encoded, FormatErro
 /// The attributes that say where a file comes from.
 pub fn origin(bytes: &[u8]) -> Vec<(String, String)> {
     let meta = without_panic(|| MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|error| header_error(&error)));
-    let Ok(meta) = meta else { return Vec::new() };
-    let attributes: BTreeMap<String, String> = text_attributes(&meta.headers[0]).collect();
+    // A file of several parts may say that it has none.
+    let Some(header) = meta.iter().flat_map(|meta| &meta.headers).next() else { return Vec::new() };
+    let attributes: BTreeMap<String, String> = text_attributes(header).collect();
     let entries = attributes.into_iter().filter_map(|(name, text)| Some((name.strip_prefix(ENTRY_PREFIX)?.to_owned(), text)));
     entries.collect()
 }

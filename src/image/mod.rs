@@ -11,5 +11,6 @@ pub mod drawing;
 pub mod filter;
 pub mod flip;
 pub mod metrics;
+pub mod nl_means;
 pub mod raster;
 pub mod tone;

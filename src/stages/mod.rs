@@ -8,6 +8,7 @@ pub mod assemble;
 pub mod average;
 pub mod compare;
 pub mod conversion;
+pub mod denoise;
 pub mod difference;
 pub mod distribution;
 pub mod fresnel;
@@ -62,6 +63,7 @@ pub fn registry() -> Registry {
         .with::<mark::Mark>()
         .with::<relight::Relight>()
         .with::<render::Render>()
+        .with::<denoise::Denoise>()
         .with::<fresnel::Fresnel>()
         .with::<tone_map::ToneMap>()
         .with::<compare::Compare>()

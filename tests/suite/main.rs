@@ -11,3 +11,4 @@ mod rendering;
 mod reuse;
 mod space;
 mod store;
+mod versions;
