@@ -3,6 +3,7 @@
 //! Knows no image, no file and no clock. Reading order: `elementary`, `sphere`, `stream`, `sobol`, `noise`, `statistics`.
 
 pub mod elementary;
+pub mod linear;
 pub mod noise;
 pub mod single;
 pub mod sobol;

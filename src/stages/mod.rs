@@ -4,6 +4,7 @@
 //! canonical bytes. Adding a kind is one file here and one row in `registry`.
 
 pub mod artifacts;
+pub mod assemble;
 pub mod assess;
 pub mod average;
 pub mod compare;
@@ -13,6 +14,7 @@ pub mod difference;
 pub mod distribution;
 pub mod fresnel;
 pub mod grid;
+pub mod layouts;
 pub mod load;
 pub mod mark;
 pub mod median_cut;
@@ -24,10 +26,13 @@ pub mod rasters;
 pub mod reach;
 pub mod relight;
 pub mod render;
+pub mod rotate;
 pub mod sample;
 pub mod synthesize;
 pub mod table;
 pub mod tone_map;
+pub mod unwrap;
+pub mod wrap;
 
 use crate::engine::registry::Registry;
 use crate::figure::chart::Chart;
@@ -49,6 +54,10 @@ pub fn registry() -> Registry {
     Registry::default()
         .with::<load::Load>()
         .with::<synthesize::Synthesize>()
+        .with::<assemble::Assemble>()
+        .with::<unwrap::Unwrap>()
+        .with::<wrap::Wrap>()
+        .with::<rotate::Rotate>()
         .with::<DistributionStage>()
         .with::<SampleStage>()
         .with::<ProfileStage>()

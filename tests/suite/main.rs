@@ -4,6 +4,7 @@ mod bad_input;
 mod commands;
 mod language;
 mod mistakes;
+mod photographs;
 mod provenance;
 mod reasons;
 mod render_options;
