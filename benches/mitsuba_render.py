@@ -231,7 +231,9 @@ stages:
                "sampler": sampler or ("multijitter" if best else "independent"), "compensation": bool(best),
                "mesh": mesh and f"{self.folder}/{mesh}", "map": f"{self.folder}/map.pfm", "out": self.fresh(".npy")}
         done = run([self.python, "-c", MITSUBA, json.dumps(job)])
-        return done | {"picture": job["out"], "load": json.loads(done["text"].strip().splitlines()[-1])["load"]}
+        # Mitsuba may say other things before and after.
+        said = next(line for line in done["text"].splitlines() if line.startswith('{"load"'))
+        return done | {"picture": job["out"], "load": json.loads(said)["load"]}
 
     def render(self, program, *arguments, **options):
         return self.ours(*arguments, **options) if program == "pipeline" else self.mitsuba(program, *arguments, **options)
