@@ -9,6 +9,7 @@ use divan::{Bencher, black_box};
 use pipeline::image::average::RunningMean;
 use pipeline::image::flip::{self, ExposureRange};
 use pipeline::image::metrics::{self, Compared, Metric, MetricError, MetricSettings};
+use pipeline::image::nl_means::{self, Border, Guide, Settings};
 use pipeline::image::raster::{Image, Raster};
 use pipeline::image::tone::{self, Bits, Exposure, Gamma, Operator, ToneSettings};
 use pipeline::math::elementary;
@@ -84,4 +85,13 @@ fn average_of_16_spheres(bencher: Bencher) {
         images[1..].iter().try_for_each(|image| mean.push(image)).expect("all have one size");
         mean.finish()
     });
+}
+
+/// At the defaults of `denoise` but for the patch, whose size should hardly count.
+#[divan::bench(args = [1, 3, 10])]
+fn nl_means_of_256_pixels_square(bencher: Bencher, patch_radius: u32) {
+    let (color, variance) = (noise(256, 256, 1), noise(256, 256, 2));
+    let settings = Settings { patch_radius, window_radius: 10, k: 0.45, patchwise: false, border: Border::Clamp };
+    let guide = Guide { color: &color, variance: &variance, coverage: None, features: &[] };
+    bencher.bench(|| nl_means::filter(black_box(&color), guide, settings, unchecked));
 }

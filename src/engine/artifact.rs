@@ -21,6 +21,11 @@ pub trait Artifact: Any + Send + Sync + Sized {
     /// Raise when [`Artifact::save`] would write other bytes for equal content.
     const ENCODER_VERSION: u32 = 1;
 
+    /// The extension of a file in one of `FORMATS`: its name, unless readers expect another.
+    fn extension(format: &str) -> &str {
+        format
+    }
+
     /// Writes the canonical form: versioned header, little endian, floats by their bits.
     fn write(&self, out: &mut dyn Write) -> io::Result<()>;
 
@@ -90,6 +95,7 @@ pub struct ArtifactKind {
     pub formats: &'static [&'static str],
     /// Version of its encoders.
     pub encoder_version: u32,
+    extension: fn(&str) -> &str,
     write: fn(&(dyn Any + Send + Sync), &mut dyn Write) -> io::Result<()>,
     read: fn(&mut dyn Read) -> io::Result<Arc<dyn Any + Send + Sync>>,
     memory: fn(&(dyn Any + Send + Sync)) -> u64,
@@ -103,11 +109,17 @@ impl ArtifactKind {
             name: T::TYPE,
             formats: T::FORMATS,
             encoder_version: T::ENCODER_VERSION,
+            extension: T::extension,
             write: |value, out| typed::<T>(value).write(out),
             read: |input| Ok(Arc::new(T::read(input)?)),
             memory: |value| typed::<T>(value).memory(),
             save: |value, format, origin| typed::<T>(value).save(format, origin),
         }
+    }
+
+    /// The extension of a file in that format.
+    pub fn extension<'f>(&self, format: &'f str) -> &'f str {
+        (self.extension)(format)
     }
 
     /// Reads the canonical form.

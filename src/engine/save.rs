@@ -19,6 +19,8 @@ pub struct Save {
     pub result: usize,
     /// One of the formats of its type.
     pub format: String,
+    /// The extension of a file in that format.
+    pub extension: String,
     /// Where it is asked for.
     pub place: Place,
 }
@@ -75,7 +77,8 @@ impl Reader<'_> {
 
     fn format(&mut self, result: usize, format: &str, place: Place) {
         let type_name = self.results[result].1;
-        let formats = self.registry.artifacts().find(type_name).map(|artifact| artifact.formats).unwrap_or_default();
+        let artifact = self.registry.artifacts().find(type_name);
+        let formats = artifact.map(|artifact| artifact.formats).unwrap_or_default();
         if !formats.contains(&format) {
             let known: Vec<String> = formats.iter().map(|format| quoted(format)).collect();
             let hint = did_you_mean(nearest(format, formats.iter().copied()));
@@ -85,17 +88,18 @@ impl Reader<'_> {
         if self.saves.iter().any(|save| save.result == result && save.format == format) {
             return self.error(place, format!("`save` names format {} twice", quoted(format)), None);
         }
-        self.saves.push(Save { result, format: format.to_owned(), place });
+        let extension = artifact.map_or(format, |artifact| artifact.extension(format)).to_owned();
+        self.saves.push(Save { result, format: format.to_owned(), extension, place });
     }
 }
 
 /// Path of a published file below the folder of its pipeline.
 ///
 /// `STAGE.EXT` without axes, `STAGE/axis=value,….EXT` with them; a further result adds `.RESULT` to the stage.
-pub fn published_path(stage: &str, result: &str, coordinate: &Coordinate, format: &str) -> String {
+pub fn published_path(stage: &str, result: &str, coordinate: &Coordinate, extension: &str) -> String {
     let point = if result.is_empty() { "" } else { "." };
     let folder = if coordinate.is_empty() { String::new() } else { format!("/{}", file_stem(coordinate)) };
-    format!("{stage}{point}{result}{folder}.{format}")
+    format!("{stage}{point}{result}{folder}.{extension}")
 }
 
 /// Longest name of a coordinate in a path, in bytes.

@@ -14,6 +14,11 @@ pub const VARIANCE: &str = "variance";
 /// Layer with the standard error of each channel of the mean: the root of variance over n.
 pub const STANDARD_ERROR: &str = "standard_error";
 
+/// Layer of a render with the variance that each channel would have if its samples were independent.
+pub const SAMPLE_VARIANCE: &str = "sample_variance";
+/// Layers that tell of the noise of one image, and not of the scene.
+pub const NOISE_LAYERS: [&str; 3] = [VARIANCE, STANDARD_ERROR, SAMPLE_VARIANCE];
+
 /// Images that cannot be averaged.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum AverageError {
@@ -65,7 +70,7 @@ impl RunningMean {
     /// Begins with a first image.
     pub fn of(first: &Image) -> Self {
         let mean: Vec<f64> = first.color.pixels().iter().flatten().copied().map(f64::from).collect();
-        let further = first.layers.iter().filter(|(name, _)| ![VARIANCE, STANDARD_ERROR].contains(&name.as_str()));
+        let further = first.layers.iter().filter(|(name, _)| !NOISE_LAYERS.contains(&name.as_str()));
         Self {
             count: 1,
             width: first.color.width(),

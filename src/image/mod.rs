@@ -2,6 +2,8 @@
 //!
 //! Knows no file and no light. Reading order: `raster`, then what acts on it.
 
+pub mod assembly;
+pub mod assessment;
 pub mod average;
 pub mod color;
 pub mod colormap;
@@ -10,5 +12,6 @@ pub mod drawing;
 pub mod filter;
 pub mod flip;
 pub mod metrics;
+pub mod nl_means;
 pub mod raster;
 pub mod tone;

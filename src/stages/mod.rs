@@ -4,13 +4,17 @@
 //! canonical bytes. Adding a kind is one file here and one row in `registry`.
 
 pub mod artifacts;
+pub mod assemble;
+pub mod assess;
 pub mod average;
 pub mod compare;
 pub mod conversion;
+pub mod denoise;
 pub mod difference;
 pub mod distribution;
 pub mod fresnel;
 pub mod grid;
+pub mod layouts;
 pub mod load;
 pub mod mark;
 pub mod median_cut;
@@ -19,12 +23,16 @@ pub mod origin;
 pub mod plot;
 pub mod profile;
 pub mod rasters;
+pub mod reach;
 pub mod relight;
 pub mod render;
+pub mod rotate;
 pub mod sample;
 pub mod synthesize;
 pub mod table;
 pub mod tone_map;
+pub mod unwrap;
+pub mod wrap;
 
 use crate::engine::registry::Registry;
 use crate::figure::chart::Chart;
@@ -46,6 +54,10 @@ pub fn registry() -> Registry {
     Registry::default()
         .with::<load::Load>()
         .with::<synthesize::Synthesize>()
+        .with::<assemble::Assemble>()
+        .with::<unwrap::Unwrap>()
+        .with::<wrap::Wrap>()
+        .with::<rotate::Rotate>()
         .with::<DistributionStage>()
         .with::<SampleStage>()
         .with::<ProfileStage>()
@@ -53,11 +65,14 @@ pub fn registry() -> Registry {
         .with::<mark::Mark>()
         .with::<relight::Relight>()
         .with::<render::Render>()
+        .with::<denoise::Denoise>()
         .with::<fresnel::Fresnel>()
         .with::<tone_map::ToneMap>()
         .with::<compare::Compare>()
         .with::<average::Average>()
+        .with::<assess::Assess>()
         .with::<table::Collect>()
+        .with::<reach::ReachStage>()
         .with::<plot::Plot>()
         .with::<grid::Grid>()
         .with_artifact::<EnvMap>()

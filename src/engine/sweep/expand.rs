@@ -398,7 +398,7 @@ impl<'r> Layout<'_, 'r, '_> {
         let name = self.world.name(stage);
         let mut publications = Vec::with_capacity(typed.saves.len());
         for save in &typed.saves {
-            let path = published_path(name, typed.results[save.result].0, coordinate, &save.format);
+            let path = published_path(name, typed.results[save.result].0, coordinate, &save.extension);
             if let Err(message) = self.names.take(&path, name) {
                 findings.add(Finding::error(save.place, message).in_stage(name));
             }

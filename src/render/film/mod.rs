@@ -68,7 +68,8 @@ pub enum LayerKind {
     /// Distance from the camera ray's origin to the first surface, as a mean over the samples that hit one; else 0.
     Depth,
     /// Variance of the pixel's value (not of one sample) as `variance`, and its root as `standard_error`. With
-    /// `independent` from the samples; else from replicates, of which there are at least two.
+    /// `independent` from the samples; else from replicates, of which there are at least two, and then also as
+    /// `sample_variance` what it would be if the samples were independent: too large, but steadier from pixel to pixel.
     Variance,
 }
 

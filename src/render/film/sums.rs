@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::image::average::{SAMPLE_VARIANCE, STANDARD_ERROR, VARIANCE};
 use crate::image::raster::{Image, Layer, Plane, Raster};
 use crate::render::film::{Background, FilmDescription, LayerKind};
 
@@ -263,12 +264,15 @@ impl Film {
             layers.insert("depth".to_owned(), Layer::Scalar(plane(&|pixel| mean(total(pixel, channel::DEPTH), coverage(pixel)))));
         }
         if description.has(LayerKind::Variance) {
-            let variance = |pixel: &[Sums]| {
-                let scale = if divisor(pixel) > 0.0 { count / divisor(pixel) } else { 0.0 };
-                self.variance_of_mean(pixel).map(|value| (value * scale * scale) as f32)
-            };
-            layers.insert("standard_error".to_owned(), Layer::Color(raster(&|pixel| variance(pixel).map(f32::sqrt))));
-            layers.insert("variance".to_owned(), Layer::Color(raster(&variance)));
+            let scale = |pixel: &[Sums]| if divisor(pixel) > 0.0 { count / divisor(pixel) } else { 0.0 };
+            let scaled = |pixel: &[Sums], variance: [f64; 3]| variance.map(|value| (value * scale(pixel) * scale(pixel)) as f32);
+            let variance = |pixel: &[Sums]| scaled(pixel, self.variance_of_mean(pixel));
+            layers.insert(STANDARD_ERROR.to_owned(), Layer::Color(raster(&|pixel| variance(pixel).map(f32::sqrt))));
+            layers.insert(VARIANCE.to_owned(), Layer::Color(raster(&variance)));
+            if replicates > 1 {
+                let of_samples = |pixel: &[Sums]| scaled(pixel, variance_of_independent(pixel, count));
+                layers.insert(SAMPLE_VARIANCE.to_owned(), Layer::Color(raster(&of_samples)));
+            }
         }
         let alpha = is_transparent.then(|| plane(&|pixel| (coverage(pixel) / count) as f32));
         Image { color: raster(&|pixel| means(pixel, channel::COLOR, divisor(pixel))), alpha, layers }
@@ -277,20 +281,25 @@ impl Film {
     /// Variance of the mean over all samples, per channel.
     fn variance_of_mean(&self, pixel: &[Sums]) -> [f64; 3] {
         let count = f64::from(self.block.count);
-        std::array::from_fn(|k| match pixel {
-            [only] => {
-                let mean = f64::from(only.0[channel::COLOR + k]) / count;
-                let square = f64::from(only.0[channel::SQUARE + k]) / count;
-                (square - mean * mean).max(0.0) / (count - 1.0).max(1.0)
-            }
-            _ => {
-                let values: Vec<f64> = pixel.iter().map(|sums| f64::from(sums.0[channel::COLOR + k]) / count).collect();
-                let replicates = values.len() as f64;
-                let mean = values.iter().sum::<f64>() / replicates;
-                values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / (replicates * (replicates - 1.0))
-            }
+        if pixel.len() == 1 {
+            return variance_of_independent(pixel, count);
+        }
+        std::array::from_fn(|k| {
+            let values: Vec<f64> = pixel.iter().map(|sums| f64::from(sums.0[channel::COLOR + k]) / count).collect();
+            let replicates = values.len() as f64;
+            let mean = values.iter().sum::<f64>() / replicates;
+            values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / (replicates * (replicates - 1.0))
         })
     }
+}
+
+/// Variance of the mean of `count` samples per channel if they were independent, from their squares.
+fn variance_of_independent(pixel: &[Sums], count: f64) -> [f64; 3] {
+    std::array::from_fn(|k| {
+        let mean = total(pixel, channel::COLOR + k) / count;
+        let square = total(pixel, channel::SQUARE + k) / count;
+        (square - mean * mean).max(0.0) / (count - 1.0).max(1.0)
+    })
 }
 
 /// A channel over all replicates.
@@ -415,6 +424,10 @@ mod tests {
         assert!((variance(&of_colors(&colors, 1)) - 38.0 / 12.0).abs() < 1e-5);
         // Two replicates, means 2.5 and 5.5: the variance of their mean is (3 / 2)².
         assert!((variance(&of_colors(&colors, 2)) - 2.25).abs() < 1e-6);
+        // Taken as four independent samples they say what one replicate says.
+        let Layer::Color(raster) = &of_colors(&colors, 2).image(&description).layers["sample_variance"] else { unreachable!() };
+        assert!((raster.pixel(0, 0)[0] - 38.0 / 12.0).abs() < 1e-5);
+        assert!(!of_colors(&colors, 1).image(&description).layers.contains_key("sample_variance"));
         assert_eq!(of_colors(&colors, 2).image(&description).color.pixel(0, 0), [4.0; 3]);
     }
 

@@ -1,4 +1,4 @@
-//! Lights: canonical bytes, JSON and CSV.
+//! Lights: canonical bytes, JSON, CSV and the rigs of other programs.
 //!
 //! Canonical form, little endian: `PLLIGHT1`, width and height of the map (u32), number of lights (u64); then for
 //! each light x0 y0 x1 y1 (u32) and position x y, direction x y z, irradiance r g b, solid angle, energy (f64).
@@ -11,6 +11,7 @@ use serde_json::{Map, Value, json};
 use crate::engine::artifact::{Artifact, Origin, SaveError, Saved, TypeName};
 use crate::figure::table::{Cell, Column, Table};
 use crate::light::lights::{Light, LightSet, Region};
+use crate::light::rigs::{Rig, blender, gltf, mitsuba, pbrt, usda};
 
 const MAGIC: &[u8; 8] = b"PLLIGHT1";
 
@@ -22,7 +23,15 @@ const TRUSTED_COUNT: u64 = 1024;
 
 impl Artifact for LightSet {
     const TYPE: TypeName = "lights";
-    const FORMATS: &'static [&'static str] = &["json", "csv"];
+    const FORMATS: &'static [&'static str] = &["json", "csv", "gltf", "usda", "pbrt", "mitsuba", "blender"];
+
+    fn extension(format: &str) -> &str {
+        match format {
+            "mitsuba" => "xml",
+            "blender" => "py",
+            other => other,
+        }
+    }
 
     fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         out.write_all(MAGIC)?;
@@ -53,13 +62,32 @@ impl Artifact for LightSet {
         (size_of::<Self>() + self.lights.capacity() * size_of::<Light>()) as u64
     }
 
-    fn save(&self, format: &str, _origin: &Origin) -> Result<Saved, SaveError> {
+    fn save(&self, format: &str, origin: &Origin) -> Result<Saved, SaveError> {
         match format {
             "json" => Ok(json_text(self).into_bytes().into()),
             "csv" => csv_text(&rows(self)).map(Saved::from),
+            "gltf" => rig(self, origin, gltf::text),
+            "usda" => rig(self, origin, usda::text),
+            "pbrt" => rig(self, origin, pbrt::text),
+            "mitsuba" => rig(self, origin, mitsuba::text),
+            "blender" => rig(self, origin, blender::text),
             other => Err(SaveError(format!("lights cannot be saved as `{other}`; choose one of `{}`", Self::FORMATS.join("`, `")))),
         }
     }
+}
+
+/// The lights for another program; says by which stage of which pipeline they were made.
+fn rig(set: &LightSet, origin: &Origin, text: fn(&Rig, &str) -> String) -> Result<Saved, SaveError> {
+    let rig = Rig::of(set).map_err(|error| SaveError(error.to_string()))?;
+    let coordinate = if origin.coordinate.is_empty() { String::new() } else { format!("[{}]", printable(&origin.coordinate)) };
+    let made_by = format!("pipeline {}, stage {}{coordinate}, key {}", printable(&origin.pipeline), printable(&origin.stage), origin.key);
+    Ok(Saved { bytes: text(&rig, &made_by).into_bytes(), warnings: rig.warnings() })
+}
+
+/// Text that may stand in a comment or between quotation marks of any of the formats: values of axes are anything.
+fn printable(text: &str) -> String {
+    let is_plain = |character: char| character.is_ascii_graphic() && !matches!(character, '"' | '\\' | '<' | '>' | '`');
+    text.chars().map(|character| if is_plain(character) || character == ' ' { character } else { '_' }).collect()
 }
 
 /// Name and unit of each column, in the order of [`cells`].
@@ -223,6 +251,25 @@ mod tests {
         let mut boastful = bytes;
         boastful[16..24].copy_from_slice(&u64::MAX.to_le_bytes());
         assert_eq!(kind(&boastful), io::ErrorKind::InvalidData);
+    }
+
+    #[test]
+    fn rigs_name_their_origin_and_have_the_extensions_of_their_programs() {
+        let origin = Origin { pipeline: "p".into(), stage: "cut".into(), coordinate: "map=a\"--\n>b".into(), key: "00ff".into() };
+        for format in ["gltf", "usda", "pbrt", "mitsuba", "blender"] {
+            let text = String::from_utf8(example().save(format, &origin).unwrap().bytes).unwrap();
+            assert!(text.contains("pipeline p, stage cut[map=a_"), "{format}: {text}");
+            assert!(text.contains("2 directional lights of a 8 x 4 lat-long map"), "{format}");
+        }
+        assert_eq!(["gltf", "mitsuba", "blender"].map(LightSet::extension), ["gltf", "xml", "py"]);
+    }
+
+    #[test]
+    fn lights_that_other_programs_cannot_take_are_refused() {
+        let mut set = example();
+        set.lights[1].irradiance[2] = f64::INFINITY;
+        assert!(set.save("gltf", &Origin::default()).unwrap_err().to_string().contains("light 1"));
+        assert!(set.save("json", &Origin::default()).is_ok());
     }
 
     #[test]
