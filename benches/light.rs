@@ -65,6 +65,13 @@ fn median_cut_of_4096x2048_into_1024_lights(bencher: Bencher, variant: &Variant)
     bencher.bench_local(|| median_cut(black_box(&map), &settings, || Ok::<(), MedianCutError>(())));
 }
 
+#[divan::bench(args = [256, 1024], sample_count = 5)]
+fn variance_cut_of_4096x2048(bencher: Bencher, count: u32) {
+    let map = map(4096, 2048);
+    let settings = Settings::of(Variant::Variance, NonZeroU32::new(count).expect("no count is 0"));
+    bencher.bench_local(|| median_cut(black_box(&map), &settings, || Ok::<(), MedianCutError>(())));
+}
+
 #[divan::bench(args = [64, 256, 1024], sample_count = 10)]
 fn samples_onto_511x511(bencher: Bencher, count: u64) {
     let samples = samples(count, Frame::World);

@@ -1,20 +1,33 @@
 #!/usr/bin/env python3
-"""Renders the scenes of issue 5 with `pipeline` and with Mitsuba 3, one after the other, and prints them side by side.
+"""Renders the same scenes with `pipeline` and with Mitsuba 3, one after the other, and prints them side by side.
 
-  PIPELINE_BIN=target/release/pipeline python3 benches/mitsuba_render.py [--size 512] [--variants scalar_rgb,llvm_ad_rgb]
-      [--counts 8,64] [--scenes sphere,mesh,box,diffuse,glass,metal] [--venv DIR]
+  PIPELINE_BIN=target/release/pipeline python3 benches/mitsuba_render.py [--size 512] [--counts 8,64]
+      [--scenes sphere,mesh,box,diffuse,glass,metal] [--programs pipeline,llvm_ad_rgb,llvm_ad_rgb+best,scalar_rgb]
+      [--venv DIR] [--json FILE]
 
-Needs the network once: installs the wheels `mitsuba` and `numpy` by name into a virtual environment (the variant
-llvm_ad_rgb also needs Debian's libllvm). Per scene and program: million samples per processor second between the two
-sample counts, so that start-up and loading do not count; processor seconds of the whole process at the smaller count; and
-relMSE x samples at the larger count from two seeds, mean((a - b)^2 / (2 (m^2 + 0.01))), with the difference of the two
-programs' mean images (the maps' azimuths differ, so only scenes without a map can be compared there).
-Processor time is that of the child process; both programs use all cores.
+Needs the network once: installs the wheels `mitsuba` and `numpy` by name into a virtual environment. The variant
+llvm_ad_rgb also needs a libLLVM, 16 or later (Debian: apt-get install libllvm19, or DRJIT_LIBLLVM_PATH); without one it
+is skipped aloud. `+best` is
+Mitsuba with `multijitter` and `mis_compensation`; all others run at their defaults.
+
+Scenes: the diffuse sphere as a shape and as 16 000 triangles (max depth 2) and a displaced sphere of a million triangles in
+diffuse, glass and rough copper (max depth 8), under a map of 1024 x 512 pixels with a dim gradient and six small windows
+(largest over smallest luminance 1.4e5, 89 % of the energy in the windows); a box with mirror and glass under a lamp.
+
+Columns, all times processor time of the whole process and its threads (user and system), on two threads:
+  Ms/cpu-s   million samples per processor second between the two counts, so without start-up and loading
+  cpu-s@N    the whole process at the smaller count
+  relMSE*n   at the larger count, over the pixels that the shape covers: mean((a - b)^2 / (2 (m^2 + 0.01))), m = (a + b) / 2
+  to .01     samples a pixel at which relMSE is .01, between the counts that enclose it, and processor seconds for them by the rate
+  load       wall seconds for reading the mesh and building its tree (the difference to a run with a sphere in its place)
+  MB         peak of resident memory at the smaller count
+  |z|        largest deviation of the mean over one of 8 x 8 tiles of the picture from a long run of the same program with
+             independent samples of other seeds, in standard errors; among 64 tiles and 3 channels 4.0 is usual
 """
-import argparse, json, os, resource, subprocess, sys, tempfile, venv
+import argparse, json, math, os, shutil, subprocess, sys, tempfile, time, venv
 
 MITSUBA = r"""
-import json, sys
+import json, resource, sys, time
 job = json.loads(sys.argv[1])
 import mitsuba as mi
 mi.set_variant(job["variant"])
@@ -25,7 +38,7 @@ size = job["size"]
 def camera(origin, target, degrees):
     return {"type": "perspective", "fov": degrees, "fov_axis": "x", "to_world": T().look_at(origin=origin, target=target, up=[0, 1, 0]),
             "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"},
-            "sampler": {"type": "independent", "sample_count": job["samples"]}}
+            "sampler": {"type": job["sampler"], "sample_count": job["samples"]}}
 
 WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
 BSDFS = {
@@ -38,7 +51,8 @@ BSDFS = {
 def wall(scale, axis, degrees, move, color):
     to_world = T().translate(move)
     if degrees: to_world = to_world @ T().rotate(axis, degrees)
-    return {"type": "rectangle", "to_world": to_world @ T().scale(scale), "b": {"type": "diffuse", "reflectance": {"type": "rgb", "value": color}}}
+    return {"type": "rectangle", "to_world": to_world @ T().scale(scale),
+            "b": {"type": "twosided", "b": {"type": "diffuse", "reflectance": {"type": "rgb", "value": color}}}}
 
 name = job["scene"]
 scene = {"type": "scene", "integrator": {"type": "path", "max_depth": job["depth"] + 1}}
@@ -57,32 +71,76 @@ if name == "box":
                      "e": {"type": "area", "radiance": {"type": "rgb", "value": [12, 11, 9]}}}
 else:
     scene["camera"] = camera([0, 0, 4], [0, 0, 0], 36)
-    shape = {"type": "sphere"} if name == "sphere" else {"type": "ply", "filename": job["mesh"]}
+    shape = {"type": "sphere"} if job["mesh"] is None else {"type": "ply", "filename": job["mesh"]}
     scene["shape"] = {**shape, "b": BSDFS[name]}
-    scene["env"] = {"type": "envmap", "filename": job["map"]}
-images = [np.array(mi.render(mi.load_dict(scene), seed=seed)).astype("<f4") for seed in job["seeds"]]
-np.save(job["out"], np.stack(images))
+    scene["env"] = {"type": "envmap", "filename": job["map"], "mis_compensation": job["compensation"]}
+start = time.perf_counter()
+scene = mi.load_dict(scene)
+seconds = time.perf_counter() - start
+image = np.array(mi.render(scene, seed=job["seed"])).astype("<f4")
+np.save(job["out"], image)
+print(json.dumps({"load": seconds}))
 """
 
 COMPARE = r"""
-import sys, numpy as np
-a, b = (x.astype("f8")[..., :3] for x in np.load(sys.argv[1]))
+import json, sys, numpy as np
+job = json.loads(sys.argv[1])
+read = lambda path: np.load(path).astype("f8")
+alpha = read(job["mask"])
+inside = (alpha[..., 3] if alpha.shape[-1] == 4 else np.ones(alpha.shape[:2])) >= 1
+found = {}
+a, b = (read(path)[..., :3] for path in job["pair"])
 m = (a + b) / 2
-print(float(((a - b) ** 2 / (2 * (m * m + 0.01))).mean()), float(m.mean()))
+found["error"] = float(((a - b) ** 2 / (2 * (m * m + 0.01)))[inside].mean())
+found["mean"] = float(m[inside].mean())
+if job["long"]:
+    c, d = (read(path)[..., :3] for path in job["long"])
+    split = lambda x: [tile for row in np.array_split(x * inside[..., None], 8) for tile in np.array_split(row, 8, axis=1)]
+    tiles = lambda x: np.stack([tile.sum((0, 1)) for tile in split(x)])
+    squared = tiles((a - b) ** 2 / 4) + tiles((c - d) ** 2 / 4)
+    off = tiles(m - (c + d) / 2)
+    used = squared > 0
+    found["z"] = float(np.abs(off[used] / np.sqrt(squared[used])).max())
+    found["long"] = float(((c + d) / 2)[inside].mean())
+print(json.dumps(found))
 """
 
-STACK = "import sys, numpy as np; np.save(sys.argv[1], np.stack([np.load(p) for p in sys.argv[2:]]))"
+INPUTS = r"""
+import sys, numpy as np
+folder = sys.argv[1]
 
+def windows(width=1024):
+    height = width // 2
+    v, u = (np.arange(height) + .5) / height, (np.arange(width) + .5) / width
+    up = np.cos(np.pi * v)[:, None, None]
+    map = (.005 + .495 * (.5 + .5 * up)) * np.array([.8, 1, 1.3]) * np.ones((1, width, 1))
+    for u0, u1, v0, v1, radiance in [(.10, .13, .25, .32, 120), (.145, .175, .25, .32, 120), (.19, .22, .25, .32, 120),
+                                     (.60, .61, .40, .45, 700), (.70, .71, .40, .45, 350), (.40, .42, .12, .16, 300)]:
+        map[np.ix_((v >= v0) & (v < v1), (u >= u0) & (u < u1))] = radiance * np.array([1.1, 1, .8])
+    return map
 
-def run(command, **options):
-    """Processor seconds of a command and its threads."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run(command, capture_output=True, text=True, **options)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if done.returncode != 0:
-        sys.exit(f"{' '.join(map(str, command[:3]))} failed:\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}")
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done.stdout
+map = windows()
+open(f"{folder}/map.pfm", "wb").write(f"PF\n{map.shape[1]} {map.shape[0]}\n-1.0\n".encode() + map[::-1].astype("<f4").tobytes())
 
+def sphere(path, columns, rows, relief):
+    theta, phi = np.meshgrid(np.pi * np.arange(rows + 1) / rows, 2 * np.pi * np.arange(columns) / columns, indexing="ij")
+    d = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), -np.sin(theta) * np.sin(phi)], -1)
+    places = [(4, (1, .3, .2)), (9, (-.4, 1, .5)), (21, (.2, -.6, 1)), (47, (1, 1, -1)), (101, (-1, .5, .8))]
+    waves = sum(np.sin(f * d @ np.array(k) + f) / f for f, k in places)
+    points = (d * (1 + relief * waves)[..., None]).reshape(-1, 3).astype("<f4")
+    r, c = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    a, b = r * columns + c, r * columns + (c + 1) % columns
+    upper, lower = np.stack([a, a + columns, b + columns], -1)[:-1], np.stack([a, b + columns, b], -1)[1:]
+    corners = np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)])
+    faces = np.empty(len(corners), dtype=[("n", "u1"), ("v", "<i4", 3)])
+    faces["n"], faces["v"] = 3, corners
+    head = (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n"
+            f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")
+    open(path, "wb").write(head.encode() + points.tobytes() + faces.tobytes())
+
+sphere(f"{folder}/thousands.ply", 128, 64, 0)
+sphere(f"{folder}/million.ply", 1000, 500, 0.2)
+"""
 
 BOX = """
             - { rectangle: {}, transform: [{ scale: [1.3, 1, 1] }, { rotate: { axis: [1, 0, 0], degrees: -90 } }], bsdf: white }
@@ -102,122 +160,176 @@ BSDFS = {
     "metal": "{ rough-conductor: { metal: copper, alpha: 0.25, distribution: ggx } }",
 }
 DEPTHS = {"sphere": 2, "mesh": 2, "box": 8, "diffuse": 8, "glass": 8, "metal": 8}
+MESHES = {"mesh": "thousands.ply", "diffuse": "million.ply", "glass": "million.ply", "metal": "million.ply"}
+# A long run needs less where samples are dear.
+LONG = {"sphere": 64, "mesh": 64, "box": 64, "diffuse": 32, "glass": 32, "metal": 32}
 
 
-def scene(name, folder, size, samples):
-    if name == "box":
-        env, shapes, view = "", BOX, "{ origin: [0, 1, 4.2], target: [0, 1, 0], fov_degrees: 38 }"
-    else:
-        shape = "{ sphere: {}" if name == "sphere" else f"{{ mesh: {{ path: {mesh(name, folder)} }}"
-        env, view = "env: map", "{ origin: [0, 0, 4], target: [0, 0, 0], fov_degrees: 36 }"
-        shapes = f"\n            - {shape}, bsdf: {BSDFS[name]} }}"
-    return f"""version: 1
+def run(command):
+    """Processor seconds, wall seconds and peak megabytes of a command and its threads, and what it printed."""
+    start = time.perf_counter()
+    with tempfile.TemporaryFile("w+") as said:
+        process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT, text=True)
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        wall = time.perf_counter() - start
+        said.seek(0)
+        text = said.read()
+    if process.returncode != 0:
+        raise RuntimeError(f"{' '.join(map(str, command[:3]))} ... failed:\n{text[-3000:]}")
+    return {"cpu": usage.ru_utime + usage.ru_stime, "wall": wall, "megabytes": usage.ru_maxrss / 1024, "text": text}
+
+
+class Bench:
+    def __init__(self, pipeline, python, folder, size):
+        self.pipeline, self.python, self.folder, self.size = pipeline, python, folder, size
+        self.made = 0
+
+    def fresh(self, suffix):
+        self.made += 1
+        return f"{self.folder}/{self.made}{suffix}"
+
+    def scene(self, name, sampler, samples, size, shape=None, background="environment"):
+        if name == "box":
+            env, shapes, view = "", BOX, "{ origin: [0, 1, 4.2], target: [0, 1, 0], fov_degrees: 38 }"
+        else:
+            mesh = MESHES.get(name)
+            shape = shape or ("{ sphere: {}" if mesh is None else f"{{ mesh: {{ path: {self.folder}/{mesh} }}")
+            env, view = "env: map", "{ origin: [0, 0, 4], target: [0, 0, 0], fov_degrees: 36 }"
+            shapes = f"\n            - {shape}, bsdf: {BSDFS[name]} }}"
+        return f"""version: 1
 pipeline: bench
 stages:
-  map: {{ load: {{ path: {folder}/map.exr }} }}
+  map: {{ load: {{ path: {self.folder}/map.pfm }} }}
   picture:
     render:
       {env}
       scene:
         camera: {{ perspective: {view} }}
-        film: {{ resolution: [{size}, {size}] }}
-        sampler: {{ sobol: {{ samples_per_pixel: {samples} }} }}
+        film: {{ resolution: [{size}, {size}], background: {background} }}
+        sampler: {{ {sampler}: {{ samples_per_pixel: {samples} }} }}
         integrator: {{ path: {{ max_depth: {DEPTHS[name]} }} }}
         materials: {{ white: {{ diffuse: {{ reflectance: 0.7 }} }} }}
         shapes: {shapes}
     save: npy
 """
 
+    def ours(self, name, samples, seed, sampler="sobol", **scene):
+        spec, out = self.fresh(".yaml"), self.fresh("")
+        with open(spec, "w") as file:
+            file.write(self.scene(name, sampler, samples, scene.pop("size", self.size), **scene))
+        done = run([self.pipeline, "run", spec, "--outputs", out, "--seed", str(seed), "--only", "picture", "--jobs", "2", "-q"])
+        picture = self.fresh(".npy")
+        os.rename(f"{out}/bench/picture.npy", picture)
+        shutil.rmtree(out)
+        return done | {"picture": picture}
 
-def mesh(name, folder):
-    return f"{folder}/{'thousands' if name == 'mesh' else 'million'}.ply"
+    def mitsuba(self, program, name, samples, seed, sampler=None, size=None):
+        variant, _, best = program.partition("+")
+        mesh = MESHES.get(name)
+        job = {"variant": variant, "scene": name, "size": size or self.size, "samples": samples, "seed": seed, "depth": DEPTHS[name],
+               "sampler": sampler or ("multijitter" if best else "independent"), "compensation": bool(best),
+               "mesh": mesh and f"{self.folder}/{mesh}", "map": f"{self.folder}/map.pfm", "out": self.fresh(".npy")}
+        done = run([self.python, "-c", MITSUBA, json.dumps(job)])
+        return done | {"picture": job["out"], "load": json.loads(done["text"].strip().splitlines()[-1])["load"]}
+
+    def render(self, program, *arguments, **options):
+        return self.ours(*arguments, **options) if program == "pipeline" else self.mitsuba(program, *arguments, **options)
+
+    def compared(self, mask, pair, long=()):
+        job = {"mask": mask, "pair": [one["picture"] for one in pair], "long": [one["picture"] for one in long]}
+        return json.loads(run([self.python, "-c", COMPARE, json.dumps(job)])["text"])
+
+    def load_seconds(self, name):
+        """Wall seconds of tiny renders with the mesh beyond those with a sphere; the least of three."""
+        least = lambda **scene: min(self.ours(name, 1, 1, size=8, **scene)["wall"] for _ in range(3))
+        return least() - least(shape="{ sphere: {}")
+
+    def measured(self, program, name, counts, mask):
+        few, many = counts
+        start = self.render(program, name, few, 1)
+        whole = self.render(program, name, many, 1)
+        other = self.render(program, name, many, 2)
+        long = [self.render(program, name, LONG[name], seed, sampler="independent") for seed in (11, 12)]
+        found = self.compared(mask, [whole, other], long)
+        pixels = self.size**2 / 1e6
+        # Of a difference that drowns in the times of two starts nothing follows.
+        spent = whole["cpu"] - start["cpu"]
+        rate = pixels * (many - few) / spent if spent > 0.2 * start["cpu"] else math.nan
+        needed = self.needed(program, name, mask, {many: found["error"]})
+        load = None
+        if name in MESHES:
+            load = self.load_seconds(name) if program == "pipeline" else start["load"]
+        return {"scene": name, "program": program, "rate": rate, "start": start["cpu"], "noise": found["error"] * many,
+                "needed": needed, "seconds": needed * pixels / rate, "load": load, "megabytes": start["megabytes"],
+                "mean": found["mean"], "z": found["z"]}
+
+    def needed(self, program, name, mask, errors):
+        """Samples a pixel for a relMSE of .01, by a straight line between the logarithms of the errors around it."""
+        def error(count):
+            if count not in errors:
+                errors[count] = self.compared(mask, [self.render(program, name, count, seed) for seed in (1, 2)])["error"]
+            return errors[count]
+        count = next(iter(errors))
+        while error(count) > 0.01 and count < 1024:
+            count *= 2
+        while count > 1 and error(count // 2) < 0.01:
+            count //= 2
+        if count == 1 or error(count) > 0.01:
+            return math.nan if error(count) > 0.01 else 1
+        low, high = math.log(error(count // 2)), math.log(error(count))
+        return count / 2 * 2 ** ((low - math.log(0.01)) / (low - high))
 
 
-def ours(pipeline, python, folder, name, size, samples, seeds):
-    """Processor seconds of the first seed, and the file of all pictures."""
-    spec = f"{folder}/bench.yaml"
-    open(spec, "w").write(scene(name, folder, size, samples))
-    seconds, files = None, []
-    for seed in seeds:
-        out = tempfile.mkdtemp(dir=folder)
-        spent, _ = run([pipeline, "run", spec, "--outputs", out, "--seed", str(seed), "--only", "picture", "-q"])
-        seconds = spent if seconds is None else seconds
-        files.append(f"{out}/bench/picture.npy")
-    stacked = f"{folder}/ours.npy"
-    run([python, "-c", STACK, stacked, *files])
-    return seconds, stacked
-
-
-def mitsuba(python, variant, folder, name, size, samples, seeds):
-    """Processor seconds, and the file of all pictures."""
-    out = f"{folder}/mitsuba.npy"
-    job = {"variant": variant, "scene": name, "size": size, "samples": samples, "seeds": seeds, "depth": DEPTHS[name],
-           "mesh": mesh(name, folder), "map": f"{folder}/map.exr", "out": out}
-    seconds, _ = run([python, "-c", MITSUBA, json.dumps(job)])
-    return seconds, out
-
-
-def prepare(pipeline, folder):
-    """The map: a dim interior with small windows, dynamic range 1e5."""
-    spec = "version: 1\npipeline: make\nstages:\n  map: { synthesize: { name: cathedral }, save: exr }\n"
-    open(f"{folder}/make.yaml", "w").write(spec)
-    run([pipeline, "run", f"{folder}/make.yaml", "--outputs", f"{folder}/made", "-q"])
-    os.rename(f"{folder}/made/make/map.exr", f"{folder}/map.exr")
-
-
-def sphere_ply(path, columns, rows, relief, python):
-    """A sphere of triangles, displaced by a few waves where `relief` is not zero."""
-    code = r"""
-import sys, numpy as np
-path, columns, rows, relief = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4])
-theta, phi = np.meshgrid(np.pi * np.arange(rows + 1) / rows, 2 * np.pi * np.arange(columns) / columns, indexing="ij")
-d = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), -np.sin(theta) * np.sin(phi)], -1)
-waves = sum(np.sin(f * d @ np.array(k) + f) / f for f, k in [(4, (1, .3, .2)), (9, (-.4, 1, .5)), (21, (.2, -.6, 1)), (47, (1, 1, -1)), (101, (-1, .5, .8))])
-points = (d * (1 + relief * waves)[..., None]).reshape(-1, 3).astype("<f4")
-r, c = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-a, b = r * columns + c, r * columns + (c + 1) % columns
-quads = [np.stack([a, a + columns, b + columns], -1)[:-1], np.stack([a, b + columns, b], -1)[1:]]
-faces = np.concatenate([q.reshape(-1, 3) for q in quads])
-rows_of = np.empty(len(faces), dtype=[("n", "u1"), ("v", "<i4", 3)]); rows_of["n"] = 3; rows_of["v"] = faces
-head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\nelement face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-open(path, "wb").write(head.encode() + points.tobytes() + rows_of.tobytes())
-"""
-    run([python, "-c", code, path, str(columns), str(rows), str(relief)])
+def has_variant(bench, program):
+    """Whether a variant renders here; says so if not."""
+    try:
+        bench.mitsuba(program, "metal", 1, 1, size=8)
+        return True
+    except RuntimeError as error:
+        reasons = [line for line in str(error).splitlines() if "rror" in line]
+        print(f"skipped: {program} does not run here: {(reasons or ['no reason given'])[-1].strip()}", flush=True)
+        return False
 
 
 def main():
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--size", type=int, default=512)
-    options.add_argument("--variants", default="scalar_rgb,llvm_ad_rgb")
     options.add_argument("--counts", default="8,64")
     options.add_argument("--scenes", default="sphere,mesh,box,diffuse,glass,metal")
+    options.add_argument("--programs", default="pipeline,llvm_ad_rgb,llvm_ad_rgb+best,scalar_rgb")
     options.add_argument("--venv")
+    options.add_argument("--json")
     options = options.parse_args()
     pipeline = os.path.abspath(os.environ.get("PIPELINE_BIN", "target/release/pipeline"))
-    few, many = (int(count) for count in options.counts.split(","))
+    counts = [int(count) for count in options.counts.split(",")]
     with tempfile.TemporaryDirectory() as folder:
         home = options.venv or f"{folder}/venv"
         python = f"{home}/bin/python"
         if not os.path.exists(python):
             venv.create(home, with_pip=True)
-        run([python, "-m", "pip", "-q", "install", "mitsuba", "numpy"])
-        prepare(pipeline, folder)
-        sphere_ply(f"{folder}/thousands.ply", 128, 64, 0, python)
-        sphere_ply(f"{folder}/million.ply", 1000, 500, 0.2, python)
-        print(f"{'scene':8} {'program':12} {'Msamples/cpu-s':>15} {f'cpu-s at {few}':>12} {'relMSE x samples':>17} {'mean':>9}", flush=True)
+            run([python, "-m", "pip", "-q", "install", "mitsuba", "numpy"])
+        run([python, "-c", INPUTS, folder])
+        bench = Bench(pipeline, python, folder, options.size)
+        programs = options.programs.split(",")
+        missing = {program for program in programs if program != "pipeline" and not has_variant(bench, program)}
+        rows = []
+        print(f"{'scene':8} {'program':17} {'Ms/cpu-s':>8} {f'cpu-s@{counts[0]}':>8} {'relMSE*n':>8} {'to .01':>6} {'cpu-s':>6} "
+              f"{'load s':>6} {'MB':>5} {'mean':>8} {'|z|':>5}", flush=True)
         for name in options.scenes.split(","):
-            programs = [("pipeline", lambda count, seeds: ours(pipeline, python, folder, name, options.size, count, seeds))]
-            for variant in options.variants.split(","):
-                programs.append((variant, lambda count, seeds, v=variant: mitsuba(python, v, folder, name, options.size, count, seeds)))
-            for program, render in programs:
-                start, _ = render(few, [1])
-                whole, _ = render(many, [1])
-                _, pictures = render(many, [1, 2])
-                error, mean = map(float, run([python, "-c", COMPARE, pictures])[1].split())
-                # Of a difference that drowns in the times of two starts nothing follows.
-                is_known = whole - start > 0.2 * start
-                rate = f"{options.size**2 * (many - few) / 1e6 / (whole - start):.2f}" if is_known else "not measurable"
-                print(f"{name:8} {program:12} {rate:>15} {start:12.2f} {error * many:17.3f} {mean:9.4f}", flush=True)
+            mask = bench.ours(name, 4, 1, background="transparent")["picture"]
+            for program in (program for program in programs if program not in missing):
+                row = bench.measured(program, name, counts, mask)
+                rows.append(row)
+                load = "" if row["load"] is None else f"{row['load']:.2f}"
+                print(f"{name:8} {program:17} {row['rate']:8.2f} {row['start']:8.2f} {row['noise']:8.4f} {row['needed']:6.1f} {row['seconds']:6.2f} "
+                      f"{load:>6} {row['megabytes']:5.0f} {row['mean']:8.4f} {row['z']:5.1f}", flush=True)
+                for picture in os.listdir(folder):
+                    if picture.endswith(".npy") and f"{folder}/{picture}" != mask:
+                        os.remove(f"{folder}/{picture}")
+        if options.json:
+            with open(options.json, "w") as file:
+                json.dump(rows, file, indent=1)
 
 
 main()

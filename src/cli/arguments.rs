@@ -438,7 +438,8 @@ pub struct GcCommand {
     /// Remove what was not used for so long, as 90m, 12h, 30d or 8w
     #[arg(long, value_name = "AGE", value_parser = super::machine::duration)]
     pub older_than: Option<Duration>,
-    /// Keep what the last N runs of each pipeline below the folder of outputs made or used; alone, remove the rest
+    /// Keep what the last N runs of each pipeline below the folder of outputs made or used; alone, remove the rest, with the
+    /// folders of other runs but that of the run whose results stand
     #[arg(long, value_name = "N")]
     pub keep_last: Option<usize>,
     /// Keep what was written or used so lately, since a running pipeline may count on it

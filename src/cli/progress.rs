@@ -144,7 +144,8 @@ const GUESS_COUNT: usize = 5;
 fn paint(board: &Mutex<Board>, is_over: &AtomicBool, rows: usize) {
     let bars = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(20));
     let overall_style = ProgressStyle::with_template("[{pos}/{len}] {wide_bar} {msg}").expect("the template is right");
-    let row_style = ProgressStyle::with_template("  {wide_msg}").expect("the template is right");
+    // Not filled up to the edge: the terminal writes `^C` behind the last row, and would go on to another line.
+    let row_style = ProgressStyle::with_template("  {msg}").expect("the template is right");
     // A bar that is dropped draws itself once more unless it is told to clear.
     let overall = bars.add(ProgressBar::new(0).with_style(overall_style).with_finish(ProgressFinish::AndClear));
     let row = || ProgressBar::new_spinner().with_style(row_style.clone()).with_finish(ProgressFinish::AndClear);
@@ -187,15 +188,38 @@ fn seconds_text(seconds: f64) -> String {
     }
 }
 
+/// Longest name of a job in a row, so that the row ends before the edge of a terminal of 80 columns.
+const NAME_LENGTH: usize = 60;
+
 fn row_text(job: &RunningJob) -> String {
     let permille = job.permille.load(Ordering::Relaxed);
     let percent = if permille > 0 { format!("  {} %", permille / 10) } else { String::new() };
-    format!("{}{percent}  {:.0} s", escape(&job.name), job.since.elapsed().as_secs_f64())
+    format!("{}{percent}  {}", shortened(&escape(&job.name)), seconds_text(job.since.elapsed().as_secs_f64()))
+}
+
+/// Beginning and end of a name that is too long: the coordinate at its end tells jobs of a stage apart.
+fn shortened(name: &str) -> String {
+    let letters: Vec<char> = name.chars().collect();
+    if letters.len() <= NAME_LENGTH {
+        return name.to_owned();
+    }
+    let (start, end) = (NAME_LENGTH / 3, letters.len() - (NAME_LENGTH - NAME_LENGTH / 3 - 1));
+    letters[..start].iter().chain(&['…']).chain(&letters[end..]).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_row_ends_before_the_edge_of_a_terminal() {
+        let name = format!("stage[{}]", "axis=value,".repeat(20));
+        let since = Instant::now().checked_sub(Duration::from_secs(5999)).unwrap_or_else(Instant::now);
+        let job = RunningJob { name, permille: Arc::new(AtomicU32::new(999)), since };
+        let row = row_text(&job);
+        assert!(row.chars().count() <= 74 && row.starts_with("stage[") && row.contains(",]  99 %"), "{row}");
+        assert_eq!(shortened("short"), "short");
+    }
 
     #[test]
     fn the_time_left_is_guessed_from_several_jobs() {

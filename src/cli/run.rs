@@ -30,7 +30,7 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
     let (request, places) = (command.work.request(), command.work.places.places());
     // Who wants to hear of every job is told of every job.
     if command.events.is_none() && !manner.talk.verbose {
-        match run::unchanged::run(&request, &places, manner.settings()) {
+        match run::memory::run(&request, &places, manner.settings()) {
             Ok(Some(summary)) => return conclude(manner.talk, command.format, &summary, &interrupt, screen),
             Ok(None) => {}
             Err(error) => return refuse(&error.into(), command.format == PlanFormat::Json, screen),

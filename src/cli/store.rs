@@ -120,10 +120,15 @@ fn show_collection(command: &GcCommand, screen: &Screen) -> Result<Ending, Syste
 fn collected_text(collected: &Collected, is_trial: bool) -> String {
     let word = if is_trial { "would remove" } else { "removed" };
     let Collected { records, blobs, damaged, notes, .. } = collected;
+    let runs = match collected.runs {
+        0 => String::new(),
+        1 => ", the folder of 1 run".to_owned(),
+        count => format!(", the folders of {count} runs"),
+    };
     let (freed, left) = (bytes_text(collected.bytes), bytes_text(collected.bytes_left));
     let spared = match collected.spared {
         0 => String::new(),
         count => format!("{count} objects stay because they were used lately (`--grace`)\n"),
     };
-    format!("{word} {records} records, {blobs} blobs, {damaged} set aside, {notes} notes: {freed}; {left} left\n{spared}")
+    format!("{word} {records} records, {blobs} blobs, {damaged} set aside, {notes} notes{runs}: {freed}; {left} left\n{spared}")
 }

@@ -5,11 +5,14 @@
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
-use std::path::PathBuf;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use serde_json::Value as Json;
 
 use super::graph::Graph;
+use super::lines;
 use super::manifest::{FileEntry, InputEntry, JobEntry, Manifest, Outcome, coordinate_text, place_text, plain_text};
 
 /// So many of the latest runs are looked at for a job that the latest one does not have.
@@ -18,24 +21,80 @@ const RUN_COUNT: usize = 8;
 /// Text of a value longer than this is cut in a reason.
 const VALUE_LENGTH: usize = 40;
 
-/// Jobs of earlier runs.
+/// Jobs of earlier runs, read when they are asked for.
 pub struct History {
     folder: PathBuf,
     /// What a run of the present graph has: (stage, text of the coordinate).
     present: HashSet<(String, String)>,
     /// The stages of the present graph.
     stages: HashSet<String>,
-    loaded: Option<EarlierStages>,
+    /// The latest run, then the others as far as they were looked at.
+    runs: Vec<EarlierRun>,
+    /// Manifests that were not looked at; `None` before the first look.
+    unread: Option<std::vec::IntoIter<PathBuf>>,
 }
 
-/// Earlier jobs by stage, then by the text of their coordinate.
-type EarlierStages = HashMap<String, HashMap<String, EarlierJob>>;
+/// The text of a manifest, with the place of each job in it.
+struct EarlierRun {
+    text: String,
+    /// By stage, then by the text of the coordinate: which line it is, and where.
+    jobs: HashMap<String, HashMap<String, (usize, Range<usize>)>>,
+}
 
-struct EarlierJob {
-    job: JobEntry,
-    is_of_the_latest: bool,
-    /// Its place in the order of reading, by which equally near ones are chosen.
-    rank: usize,
+impl EarlierRun {
+    /// `None` if it is no manifest of a run that did something.
+    fn read(path: &Path) -> Option<Self> {
+        let run = Self::of_text(fs::read_to_string(path).ok()?);
+        if !run.jobs.is_empty() {
+            return Some(run);
+        }
+        // Without jobs, or laid out anew by someone.
+        let manifest: Manifest = serde_json::from_str(&run.text).ok()?;
+        Some(Self::of_text(String::from_utf8(lines::text(&manifest)).ok()?))
+    }
+
+    fn of_text(text: String) -> Self {
+        let mut jobs: HashMap<String, HashMap<String, (usize, Range<usize>)>> = HashMap::new();
+        let mut start = 0;
+        for (rank, line) in text.split('\n').enumerate() {
+            let entry = line.trim_start();
+            let begin = start + line.len() - entry.len();
+            start += line.len() + 1;
+            if !entry.starts_with(JOB_START) {
+                continue;
+            }
+            let entry = entry.strip_suffix(',').unwrap_or(entry);
+            let Some(JobPlace { stage, coordinate }) = place_of(entry) else { continue };
+            jobs.entry(stage).or_default().insert(coordinate_text(&coordinate), (rank, begin..begin + entry.len()));
+        }
+        Self { text, jobs }
+    }
+
+    /// A job that was not started has no key and says nothing.
+    fn job(&self, line: &Range<usize>) -> Option<JobEntry> {
+        serde_json::from_str(&self.text[line.clone()]).ok().filter(|job: &JobEntry| job.key.is_some())
+    }
+
+    fn job_at(&self, stage: &str, place: &str) -> Option<JobEntry> {
+        self.job(&self.jobs.get(stage)?.get(place)?.1)
+    }
+}
+
+/// With this an entry of a job begins.
+const JOB_START: &str = "{\"stage\":";
+
+/// The first two fields of a job.
+#[derive(Deserialize)]
+struct JobPlace {
+    stage: String,
+    coordinate: Json,
+}
+
+fn place_of(entry: &str) -> Option<JobPlace> {
+    // What comes before the third field is enough, unless an axis is called as that field is.
+    let start = entry.find(",\"kind\":").map(|end| format!("{}}}", &entry[..end]));
+    let place = start.and_then(|start| serde_json::from_str(&start).ok());
+    place.or_else(|| serde_json::from_str(entry).ok())
 }
 
 impl History {
@@ -44,13 +103,13 @@ impl History {
         let name = |job: &super::graph::JobNode| graph.stages[job.stage].name.clone();
         let present = graph.jobs.iter().map(|job| (name(job), job.coordinate.to_string())).collect();
         let stages = graph.stages.iter().map(|stage| stage.name.clone()).collect();
-        Self { folder, present, stages, loaded: None }
+        Self { folder, present, stages, runs: Vec::new(), unread: None }
     }
 
     /// Why this job has no result in the store, as far as its entry is filled in.
     pub fn reason(&mut self, job: &JobEntry) -> String {
         self.known_difference(job).unwrap_or_else(|| {
-            let outcome = self.earlier(job).map(|earlier| earlier.job.outcome);
+            let outcome = self.earlier(job).map(|earlier| earlier.outcome);
             match outcome {
                 Some(Outcome::Failed) => "failed before".into(),
                 Some(Outcome::Interrupted) => "interrupted before".into(),
@@ -62,49 +121,82 @@ impl History {
     /// What differs already while some inputs of the job are not known yet.
     pub fn known_difference(&mut self, job: &JobEntry) -> Option<String> {
         let Some(earlier) = self.earlier(job) else { return Some("never ran".into()) };
-        let told = told(&changes(&earlier.job, job));
-        if earlier.job.stage == job.stage {
+        let told = told(&changes(&earlier, job));
+        if earlier.stage == job.stage {
             return told;
         }
-        let renamed = format!("renamed from {}", earlier.job.stage);
+        let renamed = format!("renamed from {}", earlier.stage);
         Some(told.map_or_else(|| renamed.clone(), |told| format!("{renamed}; {told}")))
     }
 
     /// Seconds that this job, or else one of its stage, took when it ran.
     pub fn seconds(&mut self, job: &JobEntry) -> Option<f64> {
-        let same = self.earlier(job).and_then(|earlier| earlier.job.measured);
+        let same = self.earlier(job).and_then(|earlier| earlier.measured);
         let other = || {
-            let others = self.loaded.as_ref()?.get(&job.stage)?.values().filter(|earlier| earlier.job.measured.is_some());
-            others.min_by_key(|earlier| earlier.rank)?.job.measured
+            let runs = self.runs.iter().filter_map(|run| Some((run, run.jobs.get(&job.stage)?)));
+            let entries = runs.flat_map(|(run, places)| in_order(places).into_iter().map(move |line| (run, line)));
+            entries.take(SIBLING_COUNT).find_map(|(run, line)| run.job(&line)?.measured)
         };
         same.or_else(other).map(|measured| measured.seconds)
     }
 
-    /// The nearest earlier record: of the same stage and coordinate, else of a coordinate or a stage that is gone.
-    fn earlier(&mut self, job: &JobEntry) -> Option<&EarlierJob> {
+    /// The run of that age: 0 is the latest.
+    fn run(&mut self, age: usize) -> Option<&EarlierRun> {
         let folder = &self.folder;
-        let stages = self.loaded.get_or_insert_with(|| load(folder));
-        let Some(entries) = stages.get(&job.stage) else { return renamed(stages, &self.stages, job) };
-        if let Some(same) = entries.get(&coordinate_text(&job.coordinate)) {
-            return Some(same);
+        let unread = self.unread.get_or_insert_with(|| manifests(folder).into_iter());
+        while self.runs.len() <= age.min(RUN_COUNT - 1) {
+            match unread.find_map(|path| EarlierRun::read(&path)) {
+                Some(run) => self.runs.push(run),
+                None => break,
+            }
+        }
+        self.runs.get(age)
+    }
+
+    /// The nearest earlier record: of the same stage and coordinate, else of a coordinate or a stage that is gone.
+    fn earlier(&mut self, job: &JobEntry) -> Option<JobEntry> {
+        let place = coordinate_text(&job.coordinate);
+        let mut is_known_stage = false;
+        for age in 0..RUN_COUNT {
+            let Some(run) = self.run(age) else { break };
+            is_known_stage |= run.jobs.contains_key(&job.stage);
+            if let Some(same) = run.job_at(&job.stage, &place) {
+                return Some(same);
+            }
+        }
+        let latest = self.runs.first()?;
+        if !is_known_stage {
+            return renamed(latest, &self.stages, job);
         }
         // A value of an axis that was replaced: its old place, in the latest run, is no longer among the jobs.
         let is_gone = |place: &str| !self.present.contains(&(job.stage.clone(), place.to_owned()));
-        let gone = entries.iter().filter(|(place, entry)| entry.is_of_the_latest && is_gone(place)).map(|(_, entry)| entry);
-        gone.min_by(|a, b| {
-            let distances = [a, b].map(|entry| distance(&entry.job.coordinate, &job.coordinate));
-            distances[0].total_cmp(&distances[1]).then_with(|| a.rank.cmp(&b.rank))
-        })
+        let gone = latest.jobs.get(&job.stage).into_iter().flatten().filter(|(place, _)| is_gone(place));
+        let gone = gone.filter_map(|(_, (rank, line))| Some((rank, latest.job(line)?)));
+        let nearest = gone.min_by(|a, b| {
+            let distances = [a, b].map(|(_, entry)| distance(&entry.coordinate, &job.coordinate));
+            distances[0].total_cmp(&distances[1]).then_with(|| a.0.cmp(b.0))
+        });
+        nearest.map(|(_, entry)| entry)
     }
 }
 
+/// So many jobs of a stage are looked at for one that was measured.
+const SIBLING_COUNT: usize = 4;
+
+fn in_order(places: &HashMap<String, (usize, Range<usize>)>) -> Vec<Range<usize>> {
+    let mut lines: Vec<&(usize, Range<usize>)> = places.values().collect();
+    lines.sort_unstable_by_key(|(rank, _)| *rank);
+    lines.into_iter().map(|(_, line)| line.clone()).collect()
+}
+
 /// The record of the stage that this one was, under a name that is gone: of its kind, and hardly different.
-fn renamed<'e>(stages: &'e EarlierStages, present: &HashSet<String>, job: &JobEntry) -> Option<&'e EarlierJob> {
+fn renamed(latest: &EarlierRun, present: &HashSet<String>, job: &JobEntry) -> Option<JobEntry> {
     let place = coordinate_text(&job.coordinate);
-    let gone = stages.iter().filter(|(stage, _)| !present.contains(*stage));
-    let same = gone.filter_map(|(_, entries)| entries.get(&place)).filter(|entry| entry.is_of_the_latest && entry.job.kind == job.kind);
-    let nearest = same.map(|entry| (changes(&entry.job, job).len(), entry)).min_by_key(|(count, entry)| (*count, entry.rank));
-    nearest.filter(|(count, _)| *count <= 1).map(|(_, entry)| entry)
+    let gone = latest.jobs.iter().filter(|(stage, _)| !present.contains(*stage));
+    let same = gone.filter_map(|(_, places)| places.get(&place)).filter_map(|(rank, line)| Some((rank, latest.job(line)?)));
+    let of_its_kind = same.filter(|(_, entry)| entry.kind == job.kind);
+    let nearest = of_its_kind.map(|(rank, entry)| (changes(&entry, job).len(), rank, entry)).min_by_key(|(count, rank, _)| (*count, *rank));
+    nearest.filter(|(count, ..)| *count <= 1).map(|(.., entry)| entry)
 }
 
 /// How many axes differ, and among numbers how far.
@@ -125,31 +217,14 @@ fn distance(a: &Json, b: &Json) -> f64 {
         .sum()
 }
 
-/// The latest run's jobs, then those of earlier runs that the later ones lack.
-fn load(folder: &std::path::Path) -> EarlierStages {
-    let mut stages = EarlierStages::new();
-    let latest = read_manifest(&folder.join("manifest.json"));
-    let manifests = latest.into_iter().chain(run_folders(folder).filter_map(|run| read_manifest(&run.join("manifest.json"))));
-    let jobs = manifests.take(RUN_COUNT).enumerate().flat_map(|(age, manifest)| manifest.jobs.into_iter().map(move |job| (age, job)));
-    // A job that was not started has no key and says nothing.
-    for (rank, (age, job)) in jobs.filter(|(_, job)| job.key.is_some()).enumerate() {
-        let places = stages.entry(job.stage.clone()).or_default();
-        places.entry(coordinate_text(&job.coordinate)).or_insert(EarlierJob { job, is_of_the_latest: age == 0, rank });
-    }
-    stages
-}
-
-fn read_manifest(path: &std::path::Path) -> Option<Manifest> {
-    serde_json::from_slice(&fs::read(path).ok()?).ok()
-}
-
-/// Folders of earlier runs, latest first.
-fn run_folders(folder: &std::path::Path) -> impl Iterator<Item = PathBuf> + use<> {
+/// Manifests of the pipeline: the latest, then those of earlier runs, the youngest first.
+fn manifests(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder.join("runs")).into_iter().flatten().flatten();
     let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
     folders.sort_unstable_by(|a, b| b.cmp(a));
-    // Short manifests of runs that changed nothing do not read as whole ones; they are passed over cheaply.
-    folders.into_iter().take(4 * RUN_COUNT)
+    // Short manifests of runs that executed nothing do not read as whole ones; they are passed over cheaply.
+    let runs = folders.into_iter().take(4 * RUN_COUNT);
+    std::iter::once(folder.to_owned()).chain(runs).map(|folder| folder.join("manifest.json")).collect()
 }
 
 /// What differs between two records of a job, each in the words of a plan; empty if they would have one key.

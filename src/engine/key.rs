@@ -11,6 +11,7 @@ use super::artifact::{Origin, TypeName};
 use super::coordinate::Scalar;
 use super::digest::Digest;
 use super::graph::{Graph, InputNode, JobNode};
+use super::lines;
 
 /// Hashes fields one after the other, each with its length before it, so that no two lists of fields agree.
 struct Fields(Sha256);
@@ -177,7 +178,7 @@ fn write_canonical(value: &Json, text: &mut Vec<u8>) {
                 if index > 0 {
                     text.push(b',');
                 }
-                write_plain(name, text);
+                lines::add_line(name, text);
                 text.push(b':');
                 write_canonical(value, text);
             }
@@ -193,11 +194,6 @@ fn write_canonical(value: &Json, text: &mut Vec<u8>) {
             }
             text.push(b']');
         }
-        plain => write_plain(plain, text),
+        plain => lines::add_line(plain, text),
     }
-}
-
-/// What serde writes for a value without inner order.
-fn write_plain(value: &(impl serde::Serialize + ?Sized), text: &mut Vec<u8>) {
-    serde_json::to_writer(text, value).expect("plain values can be written");
 }

@@ -12,6 +12,7 @@ use super::coordinate::{Coordinate, Scalar};
 use super::digest::Digest;
 use super::graph::{Graph, InputNode, JobNode};
 use super::key::canonical_text;
+use super::lines::line;
 use super::schema::FieldPath;
 
 /// Name and version of this form.
@@ -324,7 +325,20 @@ impl Standing {
 
     /// The digest that a file should have, if a run published it.
     pub fn digest_of(&self, path: &str) -> Option<Digest> {
-        self.published.iter().chain(&self.kept).find(|entry| entry.path == path).map(|entry| entry.sha256)
+        let published = |entries: &[PublishedEntry]| {
+            let index = entries.binary_search_by(|entry| entry.path.as_str().cmp(path)).ok()?;
+            Some(entries[index].sha256)
+        };
+        published(&self.published).or_else(|| published(&self.kept))
+    }
+
+    /// Reads it from the text of a manifest; `None` if it is none.
+    pub fn from_text(text: &[u8]) -> Option<Self> {
+        let mut standing: Self = serde_json::from_slice(text).ok()?;
+        // They are sorted already unless someone has edited the file.
+        standing.published.sort_unstable();
+        standing.kept.sort_unstable();
+        Some(standing)
     }
 }
 
@@ -335,7 +349,7 @@ impl Standing {
 pub fn result_id(jobs: &[JobEntry], published: &[PublishedEntry]) -> Digest {
     let mut job_texts: Vec<String> = jobs.iter().map(job_identity).collect();
     job_texts.sort_unstable();
-    let mut file_texts: Vec<String> = published.iter().map(|entry| json_text(&(&entry.path, entry.sha256))).collect();
+    let mut file_texts: Vec<String> = published.iter().map(|entry| line(&(&entry.path, entry.sha256))).collect();
     file_texts.sort_unstable();
     let text = format!(r#"{{"jobs":[{}],"published":[{}]}}"#, job_texts.join(","), file_texts.join(","));
     Digest::of(text.as_bytes())
@@ -344,12 +358,8 @@ pub fn result_id(jobs: &[JobEntry], published: &[PublishedEntry]) -> Digest {
 fn job_identity(job: &JobEntry) -> String {
     let JobEntry { stage, kind, version, .. } = job;
     let outputs: Vec<_> = job.outputs.iter().map(|output| output.sha256).collect();
-    let [stage, kind, outputs] = [json_text(stage), json_text(kind), json_text(&outputs)];
+    let [stage, kind, outputs] = [line(stage), line(kind), line(&outputs)];
     format!("[{stage},{},{kind},{version},{},{outputs}]", canonical_text(&job.coordinate), canonical_text(&job.parameters))
-}
-
-fn json_text(value: &impl Serialize) -> String {
-    serde_json::to_string(value).expect("plain values can be written")
 }
 
 /// The entry of a job, before anything is known of its results.

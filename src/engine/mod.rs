@@ -17,6 +17,7 @@ pub mod graph;
 pub mod history;
 pub mod job;
 pub mod key;
+pub mod lines;
 pub mod manifest;
 pub mod manual;
 pub mod owner;

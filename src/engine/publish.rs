@@ -3,33 +3,40 @@
 //! Folders below the root are opened one component after the other without following links, so that
 //! nothing that stands in the folder of outputs can lead a write out of it.
 
-use std::fs::{self, File, Metadata};
+use std::collections::HashMap;
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
 
 use rustix::fs::{AtFlags, CWD, Mode, OFlags};
 use rustix::io::Errno;
 
-use super::digest::{Digest, HashingWriter};
+use super::digest::Digest;
 use super::files::{PlainFile, faults};
-use super::signature::Signature;
+use super::signature::{Signature, Signatures};
 use super::system::{SystemError, remove_leftovers, temporary_name};
 
 /// Below the root: what is being written.
 const TEMPORARY: &str = ".tmp";
+
+/// Folders that are kept open at most; beyond, all are let go.
+const OPENED_COUNT: usize = 32;
 
 /// The folder of one pipeline's outputs.
 #[derive(Debug, Clone)]
 pub struct OutputFolder {
     root: PathBuf,
     pipeline: String,
+    /// Folders that were opened already, by their path below the root.
+    opened: Arc<Mutex<HashMap<String, Arc<OwnedFd>>>>,
 }
 
 impl OutputFolder {
     /// `root/pipeline`; makes nothing.
     pub fn at(root: impl Into<PathBuf>, pipeline: &str) -> Self {
-        Self { root: root.into(), pipeline: pipeline.to_owned() }
+        Self { root: root.into(), pipeline: pipeline.to_owned(), opened: Arc::default() }
     }
 
     /// The path for people.
@@ -40,22 +47,36 @@ impl OutputFolder {
     /// Makes the folder and finds out whether it can be written to; clears what dead processes left.
     pub fn prepare(&self) -> Result<(), SystemError> {
         fs::create_dir_all(&self.root).map_err(SystemError::at("create", &self.root))?;
-        again_if_gone(|| self.folder(&[&self.pipeline])).map_err(SystemError::at("create", self.path()))?;
+        self.again_if_gone(|| self.folder(&[&self.pipeline])).map_err(SystemError::at("create", self.path()))?;
         let temporary = self.root.join(TEMPORARY);
-        again_if_gone(|| self.folder(&[TEMPORARY])).map_err(SystemError::at("create", &temporary))?;
+        self.again_if_gone(|| self.folder(&[TEMPORARY])).map_err(SystemError::at("create", &temporary))?;
         remove_leftovers(&temporary);
         Ok(())
     }
 
-    /// Status of a file, and the file; `None` if there is no such plain file.
-    pub fn open(&self, path: &str) -> Option<(Metadata, File)> {
+    /// A file; `None` if there is no such plain file.
+    pub fn open(&self, path: &str) -> Option<File> {
         let (folders, name) = self.split(path);
         let folder = self.existing_folder(&folders).ok()?;
         faults::point(&self.root).ok()?;
         let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let file = File::from(rustix::fs::openat(&folder, name, flags, Mode::empty()).ok()?);
-        let status = file.metadata().ok()?;
-        status.is_file().then_some((status, file))
+        file.metadata().ok()?.is_file().then_some(file)
+    }
+
+    /// Signature of a plain file; `None` if there is no such file.
+    pub fn signature(&self, path: &str) -> Option<Signature> {
+        let (folders, name) = self.split(path);
+        let folder = self.existing_folder(&folders).ok()?;
+        faults::point(&self.root).ok()?;
+        Signature::of_stat(&rustix::fs::statat(&folder, name, AtFlags::SYMLINK_NOFOLLOW).ok()?)
+    }
+
+    /// Digest of a published file's bytes, which are read only if its signature is new; `None` if there is no such plain
+    /// file, or it cannot be read.
+    pub fn content_of(&self, path: &str, signatures: &mut Signatures) -> Option<Digest> {
+        let known = signatures.known_by(&self.signature(path)?);
+        known.or_else(|| Some(signatures.content_of_file(self.open(path)?).ok()?.digest))
     }
 
     /// Signatures of plain files in one folder below the pipeline's (empty for that itself), by their names;
@@ -78,15 +99,15 @@ impl OutputFolder {
             let file = rustix::fs::openat(&folder, name.as_str(), flags, Mode::from_raw_mode(0o666))?;
             io::Result::Ok((folder, PlainFile::of(File::from(file), path.clone())))
         };
-        let (folder, file) = again_if_gone(create).map_err(SystemError::at("create", &path))?;
-        Ok(OutputDraft { outputs: self, folder, name, is_kept: false, file: HashingWriter::new(file) })
+        let (folder, file) = self.again_if_gone(create).map_err(SystemError::at("create", &path))?;
+        Ok(OutputDraft { outputs: self, folder, name, is_kept: false, file })
     }
 
     /// Writes a whole file.
     pub fn write(&self, path: &str, bytes: &[u8]) -> Result<(), SystemError> {
         let mut draft = self.begin()?;
         draft.write_all(bytes).map_err(SystemError::at("write", self.path().join(path)))?;
-        draft.publish(path).map(drop)
+        draft.publish(path)
     }
 
     /// Makes a folder that must not exist yet; false if it does.
@@ -100,7 +121,7 @@ impl OutputFolder {
                 made => Ok(made.map(|()| true)?),
             }
         };
-        again_if_gone(make).map_err(SystemError::at("create", self.path().join(path)))
+        self.again_if_gone(make).map_err(SystemError::at("create", self.path().join(path)))
     }
 
     /// Removes a file and the folder that it leaves empty.
@@ -129,11 +150,11 @@ impl OutputFolder {
         (parts, name)
     }
 
-    fn existing_folder(&self, parts: &[&str]) -> io::Result<OwnedFd> {
+    fn existing_folder(&self, parts: &[&str]) -> io::Result<Arc<OwnedFd>> {
         self.walk(parts, |folder, part| Ok(open_folder(folder, part)?))
     }
 
-    fn folder(&self, parts: &[&str]) -> io::Result<OwnedFd> {
+    fn folder(&self, parts: &[&str]) -> io::Result<Arc<OwnedFd>> {
         self.walk(parts, |folder, part| match open_folder(folder, part) {
             Err(Errno::NOENT) => {
                 faults::point(&self.root)?;
@@ -148,32 +169,46 @@ impl OutputFolder {
         })
     }
 
-    fn walk(&self, parts: &[&str], step: impl Fn(&OwnedFd, &str) -> io::Result<OwnedFd>) -> io::Result<OwnedFd> {
+    /// Opens a folder, one component after the other, unless it stands open.
+    fn walk(&self, parts: &[&str], step: impl Fn(&OwnedFd, &str) -> io::Result<OwnedFd>) -> io::Result<Arc<OwnedFd>> {
+        let path = parts.join("/");
+        if let Some(folder) = self.opened.lock().expect(NO_PANIC).get(&path) {
+            return Ok(folder.clone());
+        }
         // The root itself may be a link: where outputs go is the user's choice.
         faults::point(&self.root)?;
         let root = rustix::fs::openat(CWD, &self.root, OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty())?;
-        parts.iter().try_fold(root, |folder, part| {
+        let folder = parts.iter().try_fold(root, |folder, part| {
             // Paths come from a manifest too, which anyone may have edited.
             if part.is_empty() || *part == "." || *part == ".." {
                 return Err(io::Error::new(io::ErrorKind::InvalidInput, "the path leaves the folder of outputs"));
             }
             faults::point(&self.root)?;
             step(&folder, part)
-        })
+        })?;
+        let folder = Arc::new(folder);
+        let mut opened = self.opened.lock().expect(NO_PANIC);
+        if opened.len() >= OPENED_COUNT {
+            opened.clear();
+        }
+        opened.insert(path, folder.clone());
+        Ok(folder)
+    }
+
+    /// Another run may remove a folder, being empty, between our making or opening it and our using it.
+    fn again_if_gone<T>(&self, step: impl Fn() -> io::Result<T>) -> io::Result<T> {
+        const TRIES: usize = 100;
+        for _ in 1..TRIES {
+            match step() {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => self.opened.lock().expect(NO_PANIC).clear(),
+                done => return done,
+            }
+        }
+        step()
     }
 }
 
-/// Another run may remove a folder, being empty, between our making it and our using it.
-fn again_if_gone<T>(step: impl Fn() -> io::Result<T>) -> io::Result<T> {
-    const TRIES: usize = 100;
-    for _ in 1..TRIES {
-        match step() {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            done => return done,
-        }
-    }
-    step()
-}
+const NO_PANIC: &str = "no one panics while holding the open folders";
 
 fn open_folder(folder: &OwnedFd, name: &str) -> Result<OwnedFd, Errno> {
     rustix::fs::openat(folder, name, OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty())
@@ -182,9 +217,9 @@ fn open_folder(folder: &OwnedFd, name: &str) -> Result<OwnedFd, Errno> {
 /// A file that is being written; vanishes unless published.
 pub struct OutputDraft<'a> {
     outputs: &'a OutputFolder,
-    folder: OwnedFd,
+    folder: Arc<OwnedFd>,
     name: String,
-    file: HashingWriter<PlainFile>,
+    file: PlainFile,
     is_kept: bool,
 }
 
@@ -199,17 +234,17 @@ impl Write for OutputDraft<'_> {
 }
 
 impl OutputDraft<'_> {
-    /// Gives the file its name, in place of what stood there; returns the digest of its bytes.
-    pub fn publish(mut self, path: &str) -> Result<Digest, SystemError> {
+    /// Gives the file its name, in place of what stood there.
+    pub fn publish(mut self, path: &str) -> Result<(), SystemError> {
         let (folders, name) = self.outputs.split(path);
         let rename = || {
             let target = self.outputs.folder(&folders)?;
             faults::point(&self.outputs.root)?;
             Ok(rustix::fs::renameat(&self.folder, self.name.as_str(), &target, name)?)
         };
-        again_if_gone(rename).map_err(SystemError::at("write", self.outputs.path().join(path)))?;
+        self.outputs.again_if_gone(rename).map_err(SystemError::at("write", self.outputs.path().join(path)))?;
         self.is_kept = true;
-        Ok(self.file.digest())
+        Ok(())
     }
 }
 
@@ -234,13 +269,13 @@ mod tests {
     }
 
     #[test]
-    fn a_file_appears_whole_and_its_digest_is_known() {
+    fn a_file_appears_whole() {
         let folder = tempfile::tempdir().unwrap();
         let outputs = outputs(folder.path());
         let mut draft = outputs.begin().unwrap();
         draft.write_all(b"bytes").unwrap();
         assert!(outputs.open("stage/n=1.txt").is_none());
-        assert_eq!(draft.publish("stage/n=1.txt").unwrap(), Digest::of(b"bytes"));
+        draft.publish("stage/n=1.txt").unwrap();
         assert_eq!(fs::read(folder.path().join("outputs/p/stage/n=1.txt")).unwrap(), b"bytes");
 
         outputs.remove("stage/n=1.txt").unwrap();
@@ -263,6 +298,25 @@ mod tests {
             let written = (0..2000).try_for_each(|_| outputs.write("stage/x", b"bytes"));
             is_over.store(true, std::sync::atomic::Ordering::Relaxed);
             written.unwrap();
+        });
+    }
+
+    #[test]
+    fn a_file_is_never_seen_half() {
+        let folder = tempfile::tempdir().unwrap();
+        let outputs = outputs(folder.path());
+        let [one, two] = [vec![1; 400_000], vec![2; 400_000]];
+        outputs.write("stage/x", &one).unwrap();
+        let is_over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                (0..100).for_each(|round| outputs.write("stage/x", if round % 2 == 0 { &two } else { &one }).unwrap());
+                is_over.store(true, std::sync::atomic::Ordering::Relaxed);
+            });
+            while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
+                let found = fs::read(folder.path().join("outputs/p/stage/x")).unwrap();
+                assert!(found == one || found == two, "{} bytes", found.len());
+            }
         });
     }
 

@@ -17,6 +17,8 @@ use rustix::fs::{FileType, OFlags, Stat};
 use serde::{Deserialize, Serialize};
 
 use super::digest::Digest;
+use super::store::library::Library;
+use super::system::SystemError;
 
 /// What the file system says of a file's identity and its last change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -116,10 +118,23 @@ pub struct Signatures {
     has_news: bool,
 }
 
+/// Name of the note that keeps signatures from run to run.
+const NOTE: &str = "signatures";
+
 /// More signatures than this are not kept; the ones not used lately go first.
 const KEPT_COUNT: usize = 200_000;
 
 impl Signatures {
+    /// Those that earlier runs have left in a store.
+    pub fn kept_in(library: &Library) -> Self {
+        library.note(NOTE).map(|text| Self::from_text(&text)).unwrap_or_default()
+    }
+
+    /// Leaves them in a store, if this run learnt something.
+    pub fn keep_in(&self, library: &Library) -> Result<(), SystemError> {
+        if self.has_news { library.keep_note(NOTE, &self.to_text()) } else { Ok(()) }
+    }
+
     /// Reads back what [`Signatures::to_text`] wrote; lines of another form are passed over.
     pub fn from_text(text: &str) -> Self {
         Self { known: text.lines().filter_map(parse_line).collect(), ..Self::default() }
@@ -136,11 +151,6 @@ impl Signatures {
             Some(format!("{device} {inode} {size} {modified} {changed} {digest}\n"))
         });
         lines.collect()
-    }
-
-    /// Whether this run learnt a signature that the file of signatures lacks.
-    pub fn has_news(&self) -> bool {
-        self.has_news
     }
 
     /// Digest of an input file's content, hashed only if its signature is new.
@@ -173,11 +183,6 @@ impl Signatures {
     }
 
     /// Digest by a signature that is known, without a look at the content.
-    pub fn known(&mut self, status: &Metadata) -> Option<Digest> {
-        self.known_by(&Signature::of(status))
-    }
-
-    /// The same for a signature at hand.
     pub fn known_by(&mut self, signature: &Signature) -> Option<Digest> {
         let digest = *self.known.get(signature)?;
         self.used.push(*signature);
@@ -249,11 +254,11 @@ mod tests {
     fn signatures_survive_as_text() {
         let mut signatures = Signatures::default();
         signatures.remember(signature(5, 7), Digest::of(b"x"));
-        assert!(signatures.has_news());
+        assert!(signatures.has_news);
         let mut again = Signatures::from_text(&format!("nonsense\n{}", signatures.to_text()));
         assert_eq!(again.known, signatures.known);
         again.remember(signature(5, 7), Digest::of(b"x"));
-        assert!(!again.has_news());
+        assert!(!again.has_news);
     }
 
     #[test]

@@ -12,6 +12,7 @@ pub mod estimate;
 pub mod layout;
 pub mod palette;
 pub mod pdf;
+pub mod reach;
 pub mod sheet;
 pub mod svg;
 pub mod table;

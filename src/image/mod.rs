@@ -3,6 +3,7 @@
 //! Knows no file and no light. Reading order: `raster`, then what acts on it.
 
 pub mod assembly;
+pub mod assessment;
 pub mod average;
 pub mod color;
 pub mod colormap;

@@ -78,6 +78,10 @@ pub struct Settings {
     pub intensity: Intensity,
     /// Each channel is at most this before the intensity is taken; above 0.
     pub clamp: Option<f32>,
+    /// Whether the sphere's uniform density is taken off the density, and what is left drawn from (Karlík et al. 2019).
+    pub is_compensated: bool,
+    /// Share, 0 to 1, of the sphere's uniform density in a mixture with the rest; taken after the compensation.
+    pub defensive: f64,
 }
 
 /// Why a map has no distribution.
@@ -117,8 +121,23 @@ pub struct Pixel {
     pub pmf: f64,
 }
 
+/// A pixel that was drawn, and a place in it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Placed {
+    /// The pixel.
+    pub pixel: Pixel,
+    /// Where in the pixel, on [0, 1)²: from its left and from its upper edge.
+    pub inside: [f64; 2],
+}
+
 /// Pixels of one block: as many as fill a cache line.
 const BLOCK: usize = 16;
+
+/// Density of a direction uniform on the sphere, per steradian.
+const UNIFORM_DENSITY: f64 = 1.0 / (4.0 * PI);
+
+/// A density that falls no further than by this share below the uniform one is not worth compensating.
+const EVENNESS: f64 = 0.01;
 
 /// Pixels of one parallel piece of work, at least one row.
 const BAND: usize = 1 << 16;
@@ -150,6 +169,7 @@ pub struct Distribution {
     last_row: usize,
     negative_count: u64,
     is_uniform: bool,
+    is_compensated: bool,
 }
 
 /// What a distribution is made of: the part of it that is stored.
@@ -169,6 +189,8 @@ pub struct Parts {
     pub negative_count: u64,
     /// Whether the map gave no weight at all, and the sphere's uniform distribution stands for it.
     pub is_uniform: bool,
+    /// Whether the density was compensated, so that lit pixels may be out of reach.
+    pub is_compensated: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -202,6 +224,7 @@ impl Distribution {
             intensities: vec![0.0; width * height],
             negative_count: 0,
             is_uniform: false,
+            is_compensated: false,
         });
         let facts = table.fill(|y, row| fill_row(map.raster.row(y), settings, row), &check).map_err(DistributionError::Interrupted)?;
         if let Some(y) = facts.iter().position(|row| !row.is_finite) {
@@ -210,6 +233,12 @@ impl Distribution {
         table.negative_count = facts.iter().map(|row| row.negative_count).sum();
         if !table.accumulate() {
             table.make_uniform(&check).map_err(DistributionError::Interrupted)?;
+        }
+        if settings.is_compensated {
+            table.compensate(&check).map_err(DistributionError::Interrupted)?;
+        }
+        if settings.defensive > 0.0 {
+            table.mix_with_uniform(settings.defensive.min(1.0), &check).map_err(DistributionError::Interrupted)?;
         }
         Ok(table)
     }
@@ -229,7 +258,7 @@ impl Distribution {
 
     /// A table with its parts in place and its sums still zero.
     fn unfilled(parts: Parts) -> Self {
-        let Parts { width, height, angles, factors, intensities, negative_count, is_uniform } = parts;
+        let Parts { width, height, angles, factors, intensities, negative_count, is_uniform, is_compensated } = parts;
         let block_count = width.div_ceil(BLOCK);
         Self {
             width,
@@ -247,6 +276,7 @@ impl Distribution {
             last_row: 0,
             negative_count,
             is_uniform,
+            is_compensated,
         }
     }
 
@@ -306,6 +336,50 @@ impl Distribution {
         Ok(())
     }
 
+    /// Takes the sphere's uniform density off, and leaves what is above it; a nearly even density stays.
+    ///
+    /// In a combination with another technique the dim part of the sphere is that one's, and the samples saved go
+    /// where it is bright. What is left is zero over part of the sphere, so alone it would be biased.
+    ///
+    /// Karlík, Šik, Vévoda, Skřivan, Křivánek, "MIS compensation", ACM TOG 38(6), 2019, equation 14 for a
+    /// technique of uniform density.
+    fn compensate<E: Send>(&mut self, check: impl Fn() -> Result<(), E> + Sync) -> Result<(), E> {
+        let least = (0..self.height).map(|y| self.least_density(y)).fold(f64::INFINITY, f64::min);
+        if UNIFORM_DENSITY - least <= EVENNESS * UNIFORM_DENSITY {
+            return Ok(());
+        }
+        self.is_compensated = true;
+        self.reweigh(|density| (density - UNIFORM_DENSITY).max(0.0), check)
+    }
+
+    /// Puts (1 - share) of the density and `share` of the sphere's uniform one in its place.
+    fn mix_with_uniform<E: Send>(&mut self, share: f64, check: impl Fn() -> Result<(), E> + Sync) -> Result<(), E> {
+        self.reweigh(|density| (1.0 - share) * density + share * UNIFORM_DENSITY, check)?;
+        // Nothing is out of reach any more.
+        self.is_compensated = false;
+        Ok(())
+    }
+
+    /// Makes the weights `changed(density per steradian)` times solid angle; not all of them may become 0.
+    fn reweigh<E: Send>(&mut self, changed: impl Fn(f64) -> f64 + Sync, check: impl Fn() -> Result<(), E> + Sync) -> Result<(), E> {
+        // A density of the row, per unit of intensity; the table's own numbers are being written over.
+        let densities: Vec<f64> = self.scales.iter().zip(&self.solid_angles).map(|(scale, solid_angle)| scale / solid_angle).collect();
+        self.factors.clone_from(&self.solid_angles);
+        let of_row = |y: usize, row: &mut [f32]| {
+            row.iter_mut().for_each(|value| *value = changed(f64::from(*value) * densities[y]) as f32);
+            RowFacts { sum: 0.0, negative_count: 0, is_finite: true }
+        };
+        self.fill(of_row, check)?;
+        assert!(self.accumulate(), "a density that is not even lies somewhere above its mean");
+        Ok(())
+    }
+
+    /// The least density per steradian in row `y`.
+    fn least_density(&self, y: usize) -> f64 {
+        let least = self.row(y).iter().fold(f32::INFINITY, |least, &intensity| least.min(intensity));
+        f64::from(least) * self.scales[y] / self.solid_angles[y]
+    }
+
     /// Pixels in a row.
     pub fn width(&self) -> usize {
         self.width
@@ -336,7 +410,12 @@ impl Distribution {
         self.is_uniform
     }
 
-    /// Intensity of each pixel, row by row from the top.
+    /// Whether the density was compensated and pixels that shine may be out of reach: for use beside another technique alone.
+    pub fn is_compensated(&self) -> bool {
+        self.is_compensated
+    }
+
+    /// Intensity of each pixel, row by row from the top; its density per steradian where compensation or a mixture changed it.
     pub fn intensities(&self) -> &[f32] {
         &self.intensities
     }
@@ -364,6 +443,11 @@ impl Distribution {
     /// Sum of the weights of row `y`.
     pub fn row_weight(&self, y: usize) -> f64 {
         self.factors[y] * self.row_sums[y]
+    }
+
+    /// Sum of the intensities of row `y`, without its factor.
+    pub fn row_sum(&self, y: usize) -> f64 {
+        self.row_sums[y]
     }
 
     /// Probability of row `y`.
@@ -406,6 +490,12 @@ impl Distribution {
     /// Density of the pixel in column `x` of row `y` per steradian: its probability over its solid angle.
     pub fn pdf_of_pixel(&self, x: usize, y: usize) -> f64 {
         self.pmf(x, y) / self.solid_angles[y]
+    }
+
+    /// Weight of the pixel in column `x` of row `y`: its probability times [`Self::total`].
+    #[inline]
+    pub fn weight(&self, x: usize, y: usize) -> f64 {
+        f64::from(self.intensities[y * self.width + x]) * self.factors[y]
     }
 
     /// Density per steradian at a unit direction: that of the pixel that stands for it.
@@ -457,6 +547,33 @@ impl Distribution {
                 None => self.last_pixel_up_to(y, blocks[k]),
             }
         })
+    }
+
+    /// Draws one pixel for each point, and says where in the pixel's share of the square the point lies, on [0, 1)².
+    ///
+    /// As [`Self::sample_all`] otherwise. The places are uniform if the points are, and keep their order.
+    pub fn place_all<const N: usize>(&self, points: &[[f64; 2]; N]) -> [Placed; N] {
+        let pixels = self.sample_all(points);
+        std::array::from_fn(|k| {
+            let (pixel, [u, v]) = (pixels[k], points[k]);
+            let (x, y) = (pixel.x as usize, pixel.y as usize);
+            let above = if y == 0 { 0.0 } else { self.cumulative[y - 1] };
+            let down = (v * self.total() - above) / self.row_weight(y);
+            let across = (u * self.row_sums[y] - self.sum_before(x, y)) / f64::from(self.intensities[y * self.width + x]);
+            Placed { pixel, inside: [across, down].map(into_unit) }
+        })
+    }
+
+    /// Sum of the intensities of row `y` left of column `x`, added as the search adds them.
+    fn sum_before(&self, x: usize, y: usize) -> f64 {
+        let block = x / BLOCK;
+        let within = &self.row(y)[block * BLOCK..x];
+        self.block_sums[y * self.block_count() + block] + within.iter().fold(0.0, |sum, &intensity| sum + f64::from(intensity))
+    }
+
+    /// Cumulative probability of row `y`'s pixels left of column `x`, given the row; 1 at the width.
+    pub(in crate::light) fn conditional_before(&self, x: usize, y: usize) -> f64 {
+        if x == self.width { 1.0 } else { self.sum_before(x, y) / self.row_sums[y] }
     }
 
     /// The row j with C(j-1) <= u < C(j) for u in [0, 1); the last reachable one for any u beyond.
@@ -607,6 +724,12 @@ fn fill_guides(guides: &mut [u32], total: f64, cumulative: impl Fn(usize) -> Opt
         }
         *guide = bucket as u32;
     }
+}
+
+/// What rounding has put at or beyond the ends of [0, 1) back into it.
+fn into_unit(place: f64) -> f64 {
+    const BELOW_ONE: f64 = 1.0 - f64::EPSILON / 2.0;
+    place.clamp(0.0, BELOW_ONE)
 }
 
 fn guide_index(u: f64, guide_count: usize) -> usize {
@@ -814,7 +937,7 @@ mod tests {
     #[test]
     fn intensity_clamp_and_negatives_act_channel_by_channel() {
         let map = map_of(2, 1, |x, _| if x == 0 { [4.0, 0.5, -2.0] } else { [0.25; 3] });
-        let first = |intensity, clamp| build(&map, Settings { intensity, clamp, sine: Sine::None }).intensities()[0];
+        let first = |intensity, clamp| build(&map, Settings { intensity, clamp, sine: Sine::None, ..Settings::default() }).intensities()[0];
         assert_eq!(first(Intensity::Mean, None), 1.5);
         assert_eq!(first(Intensity::Mean, Some(1.0)), 0.5);
         assert_eq!(first(Intensity::Max, None), 4.0);
@@ -868,6 +991,61 @@ mod tests {
     }
 
     #[test]
+    fn places_in_the_pixel_go_back_to_the_point() {
+        for (width, height) in [(64, 32), (37, 9), (1, 1), (3, 5)] {
+            let table = build(&map_of(width, height, |x, y| [(1 + x * 7 % 5 + y) as f32; 3]), Settings::default());
+            let stream = Stream::new(12, Purpose::Test);
+            for k in 0..500 {
+                let [u, v] = stream.generator(k).uniform_pair();
+                let Placed { pixel, inside } = table.place_all(&[[u, v]])[0];
+                let (x, y) = (pixel.x as usize, pixel.y as usize);
+                let row_start = table.marginal_cdf(y) - table.marginal_pmf(y);
+                assert!((row_start + inside[1] * table.marginal_pmf(y) - v).abs() < 1e-14);
+                let conditional = table.conditional_pmf(y).nth(x).unwrap();
+                let start: f64 = table.conditional_pmf(y).take(x).sum();
+                assert!((start + inside[0] * conditional - u).abs() < 1e-14);
+                assert!(inside.iter().all(|place| (0.0..1.0).contains(place)));
+            }
+        }
+    }
+
+    /// The density minus the mean where that is positive, over its integral: worked out from the map.
+    #[test]
+    fn compensation_keeps_what_is_above_the_mean() {
+        for sine in [Sine::Center, Sine::Exact, Sine::None, Sine::Edge] {
+            let map = rough_map(64, 32);
+            let plain = build(&map, Settings { sine, ..Settings::default() });
+            let table = build(&map, Settings { sine, is_compensated: true, ..Settings::default() });
+            assert!(table.is_compensated());
+            let excess = |k: usize| (plain.pdf_of_pixel(k % 64, k / 64) - 1.0 / (4.0 * PI)).max(0.0) * plain.solid_angle(k / 64);
+            let total: f64 = (0..64 * 32).map(excess).sum();
+            for k in 0..64 * 32 {
+                let (found, expected) = (table.pmf(k % 64, k / 64), excess(k) / total);
+                assert!((found - expected).abs() <= 1e-6 * expected, "{sine:?} {k}: {found} {expected}");
+            }
+        }
+        let even = build(&map_of(16, 8, |x, _| [1.0 + 0.001 * x as f32; 3]), Settings { is_compensated: true, ..Settings::default() });
+        assert!(!even.is_compensated());
+        assert_eq!(even, build(&map_of(16, 8, |x, _| [1.0 + 0.001 * x as f32; 3]), Settings::default()));
+    }
+
+    #[test]
+    fn a_mixture_has_its_share_of_the_uniform_density() {
+        for (sine, is_compensated) in [(Sine::Center, false), (Sine::EdgeInclusive, false), (Sine::Center, true)] {
+            let map = rough_map(37, 9);
+            let plain = build(&map, Settings { sine, is_compensated, ..Settings::default() });
+            let table = build(&map, Settings { sine, is_compensated, defensive: 0.25, ..Settings::default() });
+            assert!(!table.is_compensated());
+            for k in 0..37 * 9 {
+                let expected = 0.75 * plain.pdf_of_pixel(k % 37, k / 37) + 0.25 / (4.0 * PI);
+                assert!((table.pdf_of_pixel(k % 37, k / 37) / expected - 1.0).abs() < 1e-6, "{sine:?} {k}");
+            }
+        }
+        let black = build(&map_of(8, 4, |_, _| [0.0; 3]), Settings { is_compensated: true, defensive: 0.5, ..Settings::default() });
+        assert!(black.is_uniform() && !black.is_compensated());
+    }
+
+    #[test]
     fn a_direction_finds_the_pixel_that_stands_for_it() {
         for angles in [Angles::Center, Angles::Edge, Angles::EdgeInclusive] {
             let mut map = rough_map(64, 33);
@@ -895,6 +1073,7 @@ mod tests {
             intensities: table.intensities().to_vec(),
             negative_count: 0,
             is_uniform: false,
+            is_compensated: false,
         };
         assert_eq!(Distribution::from_parts(parts()), Some(table.clone()));
         assert_eq!(Distribution::from_parts(Parts { width: 36, ..parts() }), None);

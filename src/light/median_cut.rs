@@ -1,9 +1,10 @@
-//! Median cut: splits a map into regions of equal energy, one directional light for each.
+//! Cuts of a map into regions, one directional light for each: of equal energy, or of little variance.
 //!
-//! Energies come from a summed-area table, so that a cut costs as many look-ups as the region is long.
-//! Knows nothing of how lights are used; see `relight`.
+//! A cut looks once at each pixel of a region (`profiles`), so a level of cuts costs a look at the map. Knows nothing of how
+//! lights are used; see `relight`.
 //!
-//! After Debevec, "A median cut algorithm for light probe sampling" (2005).
+//! After Debevec, "A median cut algorithm for light probe sampling" (2005), and Viriyothai and Debevec,
+//! "Variance minimization light probe sampling" (SIGGRAPH 2009 posters).
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -15,11 +16,9 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::image::color::luminance;
 use crate::light::envmap::{Angles, EnvMap, direction_at, square_at, theta_of_row};
 use crate::light::lights::{Light, LightSet, Region};
-use crate::light::relight::estimators::intensity;
-use crate::light::summed_area::SummedArea;
+use crate::light::profiles::{self, Energy, Measure, Moment, Turns};
 use crate::math::elementary;
 
 /// What is called energy, and along which side a region is cut.
@@ -34,6 +33,10 @@ pub enum Variant {
     /// measured in plain pixels.
     #[serde(rename = "coursework-2021")]
     Coursework2021,
+    /// Viriyothai and Debevec 2009: energy as in `debevec`; a region is cut where the larger of its parts' variances is
+    /// least, along either side. Variance is energy times squared distance (on the sphere, along the chord) to the
+    /// region's mean direction.
+    Variance,
 }
 
 /// Where in its region a light stands.
@@ -56,6 +59,7 @@ impl Variant {
         match self {
             Variant::Debevec => Place::Centroid,
             Variant::Coursework2021 => Place::Median,
+            Variant::Variance => Place::VectorMean,
         }
     }
 }
@@ -95,9 +99,9 @@ pub enum MedianCutError {
 
 /// Cuts `map` into `settings.count` regions, or fewer where regions of a single pixel leave nothing to cut.
 ///
-/// All regions are cut floor(log2 count) times; beyond that, the most energetic one is cut until there are
-/// `count`. Both parts stand where their region stood, top or left first. Negative pixels count as dark when
-/// energy is balanced, and as they are in the lights' irradiance.
+/// All regions are cut floor(log2 count) times; beyond that, the one of most energy (for `variance`: of most variance) is
+/// cut until there are `count`. Both parts stand where their region stood, top or left first. Negative pixels count
+/// as dark when energy is balanced, and as they are in the lights' irradiance.
 ///
 /// # Errors
 /// `NotFinite` for the first such pixel; what `check` gives.
@@ -106,39 +110,24 @@ pub fn median_cut<E: From<MedianCutError> + Send>(
     settings: &Settings,
     check: impl Fn() -> Result<(), E> + Sync,
 ) -> Result<LightSet, E> {
-    let weights = Weights::of(map, settings);
-    let cutter = Cutter::new(map, &weights, &check)?;
+    check()?;
+    let is_wrong = |color: &[f32; 3]| color.iter().any(|channel| !channel.is_finite());
+    if let Some(index) = map.raster.pixels().par_iter().position_first(is_wrong) {
+        return Err(MedianCutError::NotFinite { x: index % map.width(), y: index / map.width() }.into());
+    }
+    let cutter = Cutter::new(map, settings);
     let regions = cutter.regions(settings.count, &check)?;
-
-    let lights: Vec<Result<Light, E>> = regions.into_par_iter().map(|region| cutter.light(region, settings.place, &check)).collect();
-    let lights = lights.into_iter().collect::<Result<Vec<_>, E>>()?;
-    Ok(LightSet { map_width: map.width() as u32, map_height: map.height() as u32, lights })
+    let lights: Result<Vec<Light>, E> = regions.into_par_iter().map(|region| cutter.light(region, settings.place, &check)).collect();
+    Ok(LightSet { map_width: map.width() as u32, map_height: map.height() as u32, lights: lights? })
 }
 
-/// The energy of a pixel: an intensity times a factor of its row.
-struct Weights {
-    variant: Variant,
-    of_rows: Vec<f64>,
-}
-
-impl Weights {
-    fn of(map: &EnvMap, settings: &Settings) -> Self {
-        let of_row = |y| match settings.variant {
-            Variant::Debevec => map.solid_angle(y),
-            Variant::Coursework2021 => elementary::sin(theta_of_row(y, map.height(), settings.sine_at)),
-        };
-        Self { variant: settings.variant, of_rows: (0..map.height()).map(of_row).collect() }
-    }
-
-    /// Energy of a pixel of row `y`; never negative, and NaN or infinite only if the pixel is.
-    fn energy(&self, y: usize, pixel: [f32; 3]) -> f64 {
-        let intensity = match self.variant {
-            Variant::Debevec => luminance(pixel),
-            Variant::Coursework2021 => intensity(pixel.map(f64::from)),
-        };
-        // Not `max`, which would turn NaN into 0.
-        if intensity < 0.0 { 0.0 } else { intensity * self.of_rows[y] }
-    }
+/// What a variant calls the energy of a pixel.
+fn energy_of(map: &EnvMap, settings: &Settings) -> Energy {
+    let (measure, of_row): (_, &dyn Fn(usize) -> f64) = match settings.variant {
+        Variant::Debevec | Variant::Variance => (Measure::Luminance, &|y| map.solid_angle(y)),
+        Variant::Coursework2021 => (Measure::Mean, &|y| elementary::sin(theta_of_row(y, map.height(), settings.sine_at))),
+    };
+    Energy { measure, of_rows: (0..map.height()).map(of_row).collect() }
 }
 
 /// The side along which a region is cut.
@@ -151,101 +140,117 @@ enum Axis {
 /// Regions whose energies differ by less than this share of them are equal.
 const TIE: f64 = 1e-12;
 
-/// Differences of the table err by a few roundings of its total: 2^-53 each, of up to six additions.
-const TABLE_ERROR: f64 = 1e-15;
+/// A region with what decides whether it is cut next: its energy, or its variance.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    region: Region,
+    priority: f64,
+}
 
 /// A map with all that cutting it needs.
 struct Cutter<'a> {
     map: &'a EnvMap,
-    weights: &'a Weights,
-    energies: SummedArea,
-    total: f64,
+    variant: Variant,
+    energy: Energy,
+    /// Cosine and sine of the azimuth of each column.
+    columns: Turns,
+    /// Cosine and sine of the polar angle of each row.
+    rows: Turns,
 }
 
 impl<'a> Cutter<'a> {
-    fn new<E: From<MedianCutError> + Send>(
-        map: &'a EnvMap,
-        weights: &'a Weights,
-        check: &(impl Fn() -> Result<(), E> + Sync),
-    ) -> Result<Self, E> {
-        let fill = |y: usize, energies: &mut [f64]| {
-            for (x, (energy, pixel)) in energies.iter_mut().zip(map.raster.row(y)).enumerate() {
-                *energy = weights.energy(y, *pixel);
-                // The weight of a row may be 0, so the pixel itself is asked as well.
-                if !(energy.is_finite() && pixel.iter().all(|channel| channel.is_finite())) {
-                    return Err(MedianCutError::NotFinite { x, y }.into());
-                }
-            }
-            Ok(())
+    fn new(map: &'a EnvMap, settings: &Settings) -> Self {
+        let turn = |angle: f64| {
+            let (sin, cos) = elementary::sin_cos(angle);
+            [cos, sin]
         };
-        let energies = SummedArea::new(map.width(), map.height(), fill, check)?;
-        let total = energies.sum(whole(map));
-        Ok(Self { map, weights, energies, total })
+        Self {
+            map,
+            variant: settings.variant,
+            energy: energy_of(map, settings),
+            columns: (0..map.width()).map(|x| turn(map.phi(x))).collect(),
+            rows: (0..map.height()).map(|y| turn(map.theta(y))).collect(),
+        }
     }
 
     /// The regions of a cut into `count`, in order.
-    fn regions<E>(&self, count: NonZeroU32, check: &impl Fn() -> Result<(), E>) -> Result<Vec<Region>, E> {
-        let mut regions = vec![whole(self.map)];
+    fn regions<E: Send>(&self, count: NonZeroU32, check: &(impl Fn() -> Result<(), E> + Sync)) -> Result<Vec<Region>, E> {
+        // The priority of the whole is never asked for.
+        let mut pieces = vec![Piece { region: whole(self.map), priority: 0.0 }];
         for _ in 0..count.ilog2() {
-            let before = regions.len();
-            regions = self.cut_all(&regions, check)?;
-            if regions.len() == before {
-                return Ok(regions);
+            let before = pieces.len();
+            pieces = self.cut_all(&pieces, check)?;
+            if pieces.len() == before {
+                break;
             }
         }
-        if count.is_power_of_two() { Ok(regions) } else { self.cut_strongest(regions, count.get() as usize, check) }
-    }
-
-    fn cut_all<E>(&self, regions: &[Region], check: &impl Fn() -> Result<(), E>) -> Result<Vec<Region>, E> {
-        let mut parts = Vec::with_capacity(2 * regions.len());
-        for region in regions {
-            check()?;
-            match self.cut(*region) {
-                Some(halves) => parts.extend(halves),
-                None => parts.push(*region),
-            }
+        if pieces.len() < count.get() as usize {
+            pieces = self.cut_strongest(pieces, count.get() as usize, check)?;
         }
-        Ok(parts)
+        Ok(pieces.into_iter().map(|piece| piece.region).collect())
     }
 
-    /// Cuts the most energetic region, the first of equals, until there are `count` or none can be cut.
-    fn cut_strongest<E>(&self, regions: Vec<Region>, count: usize, check: &impl Fn() -> Result<(), E>) -> Result<Vec<Region>, E> {
+    fn cut_all<E: Send>(&self, pieces: &[Piece], check: &(impl Fn() -> Result<(), E> + Sync)) -> Result<Vec<Piece>, E> {
+        let cut = |piece: &Piece| Ok(self.cut(piece.region, check)?.map_or_else(|| vec![*piece], Vec::from));
+        let parts: Result<Vec<Vec<Piece>>, E> = pieces.par_iter().map(cut).collect();
+        Ok(parts?.into_iter().flatten().collect())
+    }
+
+    /// Cuts the piece of highest priority, the first of equals, until there are `count` or none can be cut.
+    fn cut_strongest<E: Send>(
+        &self,
+        pieces: Vec<Piece>,
+        count: usize,
+        check: &(impl Fn() -> Result<(), E> + Sync),
+    ) -> Result<Vec<Piece>, E> {
         let mut finished = Vec::new();
         let mut open: BinaryHeap<Candidate> =
-            regions.into_iter().enumerate().map(|(index, region)| self.candidate(region, vec![index as u32])).collect();
+            pieces.into_iter().enumerate().map(|(index, piece)| Candidate::new(piece, vec![index as u32])).collect();
         while finished.len() + open.len() < count {
             check()?;
             let Some(strongest) = open.pop() else { break };
-            match self.cut(strongest.region) {
-                Some(halves) => open.extend(halves.into_iter().zip(0..).map(|(region, half)| {
+            match self.cut(strongest.piece.region, check)? {
+                Some(halves) => open.extend(halves.into_iter().zip(0..).map(|(piece, half)| {
                     let place = strongest.place.0.iter().copied().chain([half]).collect();
-                    self.candidate(region, place)
+                    Candidate::new(piece, place)
                 })),
                 None => finished.push(strongest),
             }
         }
         finished.extend(open);
         finished.sort_by(|a, b| b.place.cmp(&a.place));
-        Ok(finished.into_iter().map(|candidate| candidate.region).collect())
+        Ok(finished.into_iter().map(|candidate| candidate.piece).collect())
     }
 
-    fn candidate(&self, region: Region, place: Vec<u32>) -> Candidate {
-        Candidate { energy: comparable(self.energy(region)), place: Reverse(place), region }
+    /// The two parts of a region; `None` for a single pixel.
+    fn cut<E: Send>(&self, region: Region, check: &(impl Fn() -> Result<(), E> + Sync)) -> Result<Option<[Piece; 2]>, E> {
+        let Some(longer) = self.longer_side(region) else { return Ok(None) };
+        match self.variant {
+            Variant::Debevec | Variant::Coursework2021 => {
+                let balance = balance(&self.energies(region, longer, check)?);
+                Ok(Some(parts(region, longer, balance.at, balance.energies)))
+            }
+            Variant::Variance => {
+                let moments = profiles::with_directions(&self.map.raster, &self.energy, [&self.columns, &self.rows], region, check)?;
+                let side = if longer == Axis::Columns { 0 } else { 1 };
+                if moments[side].iter().all(|moment| moment.energy == 0.0) {
+                    return Ok(Some(parts(region, longer, moments[side].len() / 2, [0.0; 2])));
+                }
+                let [columns, rows] = moments.map(|moments| least_variance(&moments));
+                let energy_tie = columns.energy.max(rows.energy) * TIE;
+                let is_row = rows.larger() < columns.larger() - energy_tie;
+                let (axis, split) = if is_row { (Axis::Rows, rows) } else { (Axis::Columns, columns) };
+                Ok(Some(parts(region, axis, split.at, split.variances)))
+            }
+        }
     }
 
-    fn energy(&self, region: Region) -> f64 {
-        let energy = self.energies.sum(region);
-        if energy <= TABLE_ERROR * self.total { 0.0 } else { energy }
-    }
-
-    /// The two halves of a region; `None` for a single pixel.
-    fn cut(&self, region: Region) -> Option<[Region; 2]> {
-        let axis = self.longer_side(region)?;
-        let at = self.balance(region, axis)?;
-        Some(match axis {
-            Axis::Columns => [Region { x1: at, ..region }, Region { x0: at, ..region }],
-            Axis::Rows => [Region { y1: at, ..region }, Region { y0: at, ..region }],
-        })
+    /// Energies of the columns, or of the rows, of a region.
+    fn energies<E: Send>(&self, region: Region, axis: Axis, check: &(impl Fn() -> Result<(), E> + Sync)) -> Result<Vec<f64>, E> {
+        match axis {
+            Axis::Columns => profiles::of_columns(&self.map.raster, &self.energy, region, check),
+            Axis::Rows => profiles::of_rows(&self.map.raster, &self.energy, region, check),
+        }
     }
 
     /// The side to cut: rows only if the height is strictly larger, and never a side of one pixel.
@@ -261,9 +266,9 @@ impl<'a> Cutter<'a> {
 
     fn is_higher_than_wide(&self, region: Region) -> bool {
         let (width, height) = (f64::from(region.x1 - region.x0), f64::from(region.y1 - region.y0));
-        match self.weights.variant {
+        match self.variant {
             Variant::Coursework2021 => height > width,
-            Variant::Debevec => {
+            Variant::Debevec | Variant::Variance => {
                 let theta = f64::from(region.y0 + region.y1) / 2.0 * PI / self.map.height() as f64;
                 let angle_down = height * PI / self.map.height() as f64;
                 let angle_across = width * 2.0 * PI / self.map.width() as f64 * elementary::sin(theta);
@@ -272,37 +277,15 @@ impl<'a> Cutter<'a> {
         }
     }
 
-    /// The cut along `axis` at which the two parts differ least in energy, the smallest of equals.
-    ///
-    /// Both parts have at least one pixel; the middle (rounded down) where there is no energy, and `None`
-    /// where the side is one pixel long.
-    fn balance(&self, region: Region, axis: Axis) -> Option<u32> {
-        let (first, end) = match axis {
-            Axis::Columns => (region.x0, region.x1),
-            Axis::Rows => (region.y0, region.y1),
-        };
-        if end - first < 2 {
-            return None;
-        }
-        let energy = self.energy(region);
-        if energy == 0.0 {
-            return Some(first + (end - first) / 2);
-        }
-
-        let imbalance = |at| {
-            let before = match axis {
-                Axis::Columns => Region { x1: at, ..region },
-                Axis::Rows => Region { y1: at, ..region },
-            };
-            (2.0 * self.energies.sum(before) - energy).abs()
-        };
-        let least = (first + 1..end).map(imbalance).fold(f64::INFINITY, f64::min);
-        (first + 1..end).find(|at| imbalance(*at) <= least + TIE * energy)
-    }
-
-    fn light<E>(&self, region: Region, place: Place, check: &impl Fn() -> Result<(), E>) -> Result<Light, E> {
+    fn light<E: Send>(&self, region: Region, place: Place, check: &(impl Fn() -> Result<(), E> + Sync)) -> Result<Light, E> {
         let moments = self.moments(region, place, check)?;
-        let (position, direction) = self.place(region, place, &moments);
+        let (position, direction) = match place {
+            Place::Median if moments.energy > 0.0 => {
+                let position = [self.median(region, Axis::Columns, check)?, self.median(region, Axis::Rows, check)?];
+                (position, self.direction_of(position))
+            }
+            _ => self.place(region, place, &moments),
+        };
         Ok(Light {
             region,
             x: position[0],
@@ -310,8 +293,21 @@ impl<'a> Cutter<'a> {
             direction,
             irradiance: moments.irradiance,
             solid_angle: moments.solid_angle,
-            energy: self.energy(region),
+            energy: moments.energy,
         })
+    }
+
+    /// The column or row that halves the energy of a region; its middle where it is one pixel long.
+    fn median<E: Send>(&self, region: Region, axis: Axis, check: &(impl Fn() -> Result<(), E> + Sync)) -> Result<f64, E> {
+        let (first, end) = match axis {
+            Axis::Columns => (region.x0, region.x1),
+            Axis::Rows => (region.y0, region.y1),
+        };
+        if end - first < 2 {
+            return Ok(f64::from(first + end) / 2.0);
+        }
+        let at = balance(&self.energies(region, axis, check)?).at;
+        Ok(f64::from(first) + at as f64)
     }
 
     /// Position in pixels and unit direction of a region's light; the middle where it has no energy.
@@ -320,10 +316,6 @@ impl<'a> Cutter<'a> {
         let position = match place {
             Place::Center => center,
             Place::Centroid if moments.energy > 0.0 => moments.position.map(|moment| moment / moments.energy),
-            Place::Median if self.energy(region) > 0.0 => {
-                let at = |axis, middle| self.balance(region, axis).map_or(middle, f64::from);
-                [at(Axis::Columns, center[0]), at(Axis::Rows, center[1])]
-            }
             Place::VectorMean => match moments.vector.try_normalize() {
                 Some(direction) => return (self.position_of(direction), direction),
                 None => center,
@@ -361,30 +353,19 @@ impl<'a> Cutter<'a> {
 
     /// What a region's light is made of, summed row by row.
     fn moments<E>(&self, region: Region, place: Place, check: &impl Fn() -> Result<(), E>) -> Result<Moments, E> {
-        let directions = (place == Place::VectorMean).then(|| self.column_directions(region));
-        let needs_position = place == Place::Centroid;
+        let columns = &self.columns[region.x0 as usize..region.x1 as usize];
         let mut moments = Moments::default();
         for y in region.y0 as usize..region.y1 as usize {
             check()?;
             let row = &self.map.raster.row(y)[region.x0 as usize..region.x1 as usize];
             moments.add_radiance(row, self.map.solid_angle(y));
-            if needs_position {
-                moments.add_positions(row.iter().map(|pixel| self.weights.energy(y, *pixel)), region.x0, y);
-            }
-            if let Some(directions) = &directions {
-                moments.add_directions(row.iter().map(|pixel| self.weights.energy(y, *pixel)), directions, self.map.theta(y));
+            let energies = row.iter().map(|pixel| self.energy.measure.of(*pixel) * self.energy.of_rows[y]);
+            match place {
+                Place::VectorMean => moments.add_directions(energies, columns, self.rows[y]),
+                Place::Center | Place::Centroid | Place::Median => moments.add_positions(energies, region.x0, y),
             }
         }
         Ok(moments)
-    }
-
-    /// Cosine and sine of the azimuth of each column of a region.
-    fn column_directions(&self, region: Region) -> Vec<[f64; 2]> {
-        let of_column = |x| {
-            let (sin, cos) = elementary::sin_cos(self.map.phi(x));
-            [cos, sin]
-        };
-        (region.x0 as usize..region.x1 as usize).map(of_column).collect()
     }
 }
 
@@ -397,13 +378,113 @@ fn comparable(energy: f64) -> u64 {
     (energy.to_bits() + (1 << 11)) >> 12
 }
 
-/// A region that may be cut; the greatest is the most energetic, of equals the first in the list.
-#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+/// A piece that may be cut; the greatest is the one of highest priority, of equals the first in the list.
+#[derive(Debug)]
 struct Candidate {
-    energy: u64,
-    /// Index among the regions before, then 0 or 1 for each half taken: sorts as the list would.
+    priority: u64,
+    /// Index among the pieces before, then 0 or 1 for each half taken: sorts as the list would.
     place: Reverse<Vec<u32>>,
-    region: Region,
+    piece: Piece,
+}
+
+impl Candidate {
+    fn new(piece: Piece, place: Vec<u32>) -> Self {
+        Self { priority: comparable(piece.priority), place: Reverse(place), piece }
+    }
+}
+
+impl PartialEq for Candidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Candidate {}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.priority.cmp(&other.priority).then_with(|| self.place.cmp(&other.place))
+    }
+}
+
+/// The two parts of a region that is cut `at` columns or rows from its beginning.
+fn parts(region: Region, axis: Axis, at: usize, priorities: [f64; 2]) -> [Piece; 2] {
+    let [first, second] = match axis {
+        Axis::Columns => [Region { x1: region.x0 + at as u32, ..region }, Region { x0: region.x0 + at as u32, ..region }],
+        Axis::Rows => [Region { y1: region.y0 + at as u32, ..region }, Region { y0: region.y0 + at as u32, ..region }],
+    };
+    [Piece { region: first, priority: priorities[0] }, Piece { region: second, priority: priorities[1] }]
+}
+
+/// A cut by energy.
+struct Balance {
+    /// Items before it.
+    at: usize,
+    /// Of both parts.
+    energies: [f64; 2],
+}
+
+/// The cut at which the two parts of at least two items differ least in energy, the smallest of equals.
+///
+/// Both parts have at least one item; the middle (rounded down) where there is no energy.
+fn balance(energies: &[f64]) -> Balance {
+    let total: f64 = energies.iter().sum();
+    let mut sum = 0.0;
+    let before: Vec<f64> = energies[..energies.len() - 1]
+        .iter()
+        .map(|energy| {
+            sum += energy;
+            sum
+        })
+        .collect();
+    let imbalance = |sum: f64| (2.0 * sum - total).abs();
+    let least = before.iter().fold(f64::INFINITY, |least, sum| least.min(imbalance(*sum)));
+    let first = before.iter().position(|sum| imbalance(*sum) <= least + TIE * total).unwrap_or(0) + 1;
+    let at = if total > 0.0 { first } else { energies.len() / 2 };
+    Balance { at, energies: [before[at - 1], (total - before[at - 1]).max(0.0)] }
+}
+
+/// A cut by variance.
+#[derive(Debug, Clone, Copy)]
+struct Split {
+    /// Items before it; 0 where a single item cannot be cut.
+    at: usize,
+    /// Of both parts; infinite where there is no cut.
+    variances: [f64; 2],
+    /// Of the region.
+    energy: f64,
+}
+
+impl Split {
+    fn larger(&self) -> f64 {
+        self.variances[0].max(self.variances[1])
+    }
+}
+
+/// The cut at which the larger of the parts' variances is least, the smallest of equals.
+fn least_variance(moments: &[Moment]) -> Split {
+    let running = |sum: &mut Moment, moment: &Moment| {
+        *sum = sum.plus(*moment);
+        Some(*sum)
+    };
+    // Each part is summed from its own end: differences would lose the small variances.
+    let before: Vec<Moment> = moments.iter().scan(Moment::default(), running).collect();
+    let mut after: Vec<Moment> = moments.iter().rev().scan(Moment::default(), running).collect();
+    after.reverse();
+    let energy = before.last().map_or(0.0, |moment| moment.energy);
+    let variances = |at: usize| [before[at - 1].variance(), after[at].variance()];
+    let larger = |at: usize| variances(at)[0].max(variances(at)[1]);
+    let least = (1..moments.len()).map(larger).fold(f64::INFINITY, f64::min);
+    match (1..moments.len()).find(|at| larger(*at) <= least + TIE * energy) {
+        Some(at) => Split { at, variances: variances(at), energy },
+        None => Split { at: 0, variances: [f64::INFINITY; 2], energy },
+    }
 }
 
 /// Sums over the pixels of a region.
@@ -440,14 +521,13 @@ impl Moments {
         self.position[1] += energy_of_row * (y as f64 + 0.5);
     }
 
-    fn add_directions(&mut self, energies: impl Iterator<Item = f64>, columns: &[[f64; 2]], theta: f64) {
+    fn add_directions(&mut self, energies: impl Iterator<Item = f64>, columns: &[[f64; 2]], [cos_theta, sin_theta]: [f64; 2]) {
         let (mut energy_of_row, mut across) = (0.0, [0.0; 2]);
         for ([cos_phi, sin_phi], energy) in columns.iter().zip(energies) {
             energy_of_row += energy;
             across[0] += energy * cos_phi;
             across[1] += energy * sin_phi;
         }
-        let (sin_theta, cos_theta) = elementary::sin_cos(theta);
         self.energy += energy_of_row;
         self.vector += DVec3::new(sin_theta * across[0], cos_theta * energy_of_row, sin_theta * across[1]);
     }
@@ -530,7 +610,7 @@ mod tests {
                 (0..3).for_each(|c| truth[c] += f64::from(pixel[c]) * map.solid_angle(y));
             }
         }
-        for variant in [Variant::Debevec, Variant::Coursework2021] {
+        for variant in [Variant::Debevec, Variant::Coursework2021, Variant::Variance] {
             for count in [1, 2, 3, 5, 7, 16, 100, 1151, 1152] {
                 let set = cut(&map, variant, count);
                 let mut covered = vec![0; 48 * 24];
@@ -554,8 +634,8 @@ mod tests {
     fn each_cut_is_the_best_one_found_by_trying_all() {
         let map = noisy(31, 17);
         let settings = Settings::of(Variant::Coursework2021, NonZeroU32::new(2).unwrap());
-        let weights = Weights::of(&map, &settings);
-        let column = |x: usize| -> f64 { (0..17).map(|y| weights.energy(y, map.raster.pixel(x, y))).sum() };
+        let sine = |y: usize| elementary::sin(y as f64 * PI / 17.0);
+        let column = |x: usize| -> f64 { (0..17).map(|y| Measure::Mean.of(map.raster.pixel(x, y)) * sine(y)).sum() };
         let imbalance = |at: usize| ((0..at).map(column).sum::<f64>() - (at..31).map(column).sum::<f64>()).abs();
         let best = (1..31).min_by(|a, b| imbalance(*a).total_cmp(&imbalance(*b))).unwrap();
         let set = cut_as(&map, settings);
@@ -587,7 +667,7 @@ mod tests {
 
     #[test]
     fn a_black_map_is_halved_in_the_middle() {
-        for variant in [Variant::Debevec, Variant::Coursework2021] {
+        for variant in [Variant::Debevec, Variant::Coursework2021, Variant::Variance] {
             let set = cut(&constant(10, 5, [0.0; 3]), variant, 2);
             assert_eq!(set.lights[0].region, Region { x0: 0, y0: 0, x1: 5, y1: 5 });
             assert_eq!((set.lights[1].x, set.lights[1].y), (7.5, 2.5));
@@ -615,6 +695,86 @@ mod tests {
                 assert!((light.direction - map.direction(11, 2)).length() < 1e-14, "{angles:?} {place:?}");
                 assert!((light.x - 11.5).abs() + (light.y - 2.5).abs() < 1e-12, "{angles:?} {place:?}");
             }
+        }
+    }
+
+    /// All cuts of both sides, each variance from its definition: energy times squared distance to the mean direction.
+    #[test]
+    fn a_cut_by_variance_is_the_best_one_found_by_trying_all() {
+        for (width, height) in [(9, 5), (6, 6), (2, 7), (1, 5), (5, 1)] {
+            let map = noisy(width, height);
+            let energy = |x: usize, y: usize| Measure::Luminance.of(map.raster.pixel(x, y)) * map.solid_angle(y);
+            let variance = |x: std::ops::Range<usize>, y: std::ops::Range<usize>| {
+                let pixels: Vec<(f64, DVec3)> =
+                    y.flat_map(|y| x.clone().map(move |x| (x, y))).map(|(x, y)| (energy(x, y), map.direction(x, y))).collect();
+                let sum: f64 = pixels.iter().map(|(energy, _)| energy).sum();
+                let mean = pixels.iter().map(|(energy, direction)| *direction * *energy).sum::<DVec3>() / sum;
+                pixels.iter().map(|(energy, direction)| energy * (*direction - mean).length_squared()).sum::<f64>()
+            };
+            let columns = (1..width).map(|at| {
+                (variance(0..at, 0..height).max(variance(at..width, 0..height)), Region { x0: 0, y0: 0, x1: at as u32, y1: height as u32 })
+            });
+            let rows = (1..height).map(|at| {
+                (variance(0..width, 0..at).max(variance(0..width, at..height)), Region { x0: 0, y0: 0, x1: width as u32, y1: at as u32 })
+            });
+            let best = columns.chain(rows).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+            assert_eq!(cut(&map, Variant::Variance, 2).lights[0].region, best.1, "{width}x{height}");
+        }
+    }
+
+    #[test]
+    fn other_counts_cut_the_region_of_most_variance() {
+        let map = noisy(64, 32);
+        let regions = |count| cut(&map, Variant::Variance, count).lights.iter().map(|light| light.region).collect::<Vec<_>>();
+        let variance = |region: &Region| {
+            let cutter = Cutter::new(&map, &Settings::of(Variant::Variance, NonZeroU32::MIN));
+            let rows =
+                profiles::with_directions(&map.raster, &cutter.energy, [&cutter.columns, &cutter.rows], *region, &|| Ok::<(), ()>(()))
+                    .unwrap();
+            rows[1].iter().fold(Moment::default(), |sum, moment| sum.plus(*moment)).variance()
+        };
+        let (four, five) = (regions(4), regions(5));
+        let gone: Vec<&Region> = four.iter().filter(|region| !five.contains(region)).collect();
+        let most = four.iter().max_by(|a, b| variance(a).total_cmp(&variance(b))).unwrap();
+        assert_eq!(gone, [most]);
+    }
+
+    #[test]
+    fn cuts_of_degenerate_maps_cover_them() {
+        let lit = |width: usize, height: usize, is_lit: &dyn Fn(usize, usize) -> bool| {
+            let color = |k: usize| if is_lit(k % width, k / width) { [1.0, 2.0, 3.0] } else { [0.0; 3] };
+            EnvMap::new(Raster::new(width, height, (0..width * height).map(color).collect()))
+        };
+        let maps = [
+            lit(16, 8, &|x, y| (x, y) == (5, 3)),
+            lit(16, 8, &|_, y| y == 0),
+            lit(16, 8, &|x, _| x == 15),
+            lit(1, 1, &|_, _| true),
+            noisy(3, 5),
+        ];
+        for map in maps {
+            let total: f64 =
+                (0..map.height()).map(|y| map.raster.row(y).iter().map(|p| f64::from(p[2])).sum::<f64>() * map.solid_angle(y)).sum();
+            for variant in [Variant::Debevec, Variant::Coursework2021, Variant::Variance] {
+                for place in [Place::Center, Place::Centroid, Place::VectorMean, Place::Median] {
+                    for count in [1, 2, 7, 64] {
+                        let set = cut_as(&map, Settings { place, ..Settings::of(variant, NonZeroU32::new(count).unwrap()) });
+                        let sum: f64 = set.lights.iter().map(|light| light.irradiance[2]).sum();
+                        assert!((sum / total - 1.0).abs() < 1e-12, "{variant:?} {place:?} {count}");
+                        assert!(set.lights.iter().all(|light| (light.direction.length() - 1.0).abs() < 1e-12));
+                        assert_eq!(set.lights.len(), (count as usize).min(map.width() * map.height()));
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn cuts_do_not_depend_on_the_number_of_threads() {
+        let map = noisy(600, 300);
+        let pool = |count| rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap();
+        for variant in [Variant::Debevec, Variant::Variance] {
+            assert_eq!(pool(1).install(|| cut(&map, variant, 37)), pool(3).install(|| cut(&map, variant, 37)));
         }
     }
 

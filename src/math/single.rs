@@ -178,25 +178,6 @@ pub fn concentric_disk(point: [f32; 2]) -> [f32; 3] {
     [long * x, long * y, long.abs()]
 }
 
-/// Angle of the point (x, y) from the positive x axis, in (-pi, pi]; an error below 4e-7. Zero at the origin.
-///
-/// The smaller coordinate over the larger, above tan(pi/8) turned back by pi/4, then the polynomial of Moshier's
-/// Cephes library for |x| <= tan(pi/8).
-pub fn atan2(y: f32, x: f32) -> f32 {
-    use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
-    const TAN_PI_8: f32 = 0.414_213_57;
-    let (larger, smaller) = (x.abs().max(y.abs()), x.abs().min(y.abs()));
-    let is_steep = smaller > TAN_PI_8 * larger;
-    let (numerator, denominator) = if is_steep { (smaller - larger, smaller + larger) } else { (smaller, larger) };
-    let t = if denominator > 0.0 { numerator / denominator } else { 0.0 };
-    let z = t * t;
-    let series = t + t * z * (-0.333_329_5 + z * (0.199_777_1 + z * (-0.138_776_85 + z * 0.080_537_446)));
-    let octant = if is_steep { FRAC_PI_4 + series } else { series };
-    let quadrant = if y.abs() > x.abs() { FRAC_PI_2 - octant } else { octant };
-    let half = if x < 0.0 { PI - quadrant } else { quadrant };
-    if y < 0.0 { -half } else { half }
-}
-
 #[cfg(test)]
 mod tests {
     use std::f32::consts::FRAC_2_SQRT_PI;
@@ -319,20 +300,5 @@ mod tests {
             let [x, y, z] = cosine_hemisphere(corner);
             assert!((x * x + y * y + z * z - 1.0).abs() < 4e-7 && z >= 0.0, "{corner:?}");
         }
-    }
-
-    #[test]
-    fn angles_agree_with_the_exact_ones() {
-        let turns = (0..20_000).map(|k| f64::from(k) * 1e-4 * std::f64::consts::PI);
-        for (sin, cos) in turns.map(|angle| elementary::sin_cos(angle - 3.1)) {
-            for radius in [1e-30, 1.0, 1e30] {
-                let (y, x) = ((sin * radius) as f32, (cos * radius) as f32);
-                let exact = elementary::atan2(f64::from(y), f64::from(x));
-                assert!((f64::from(atan2(y, x)) - exact).abs() < 4e-7, "{y} {x}");
-            }
-        }
-        let axes = [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)].map(|(y, x)| atan2(y, x));
-        let quarter = std::f32::consts::FRAC_PI_2;
-        assert_eq!(axes, [0.0, 0.0, quarter, 2.0 * quarter, -quarter]);
     }
 }

@@ -26,6 +26,8 @@ pub enum Purpose {
     PixelSampling = 5,
     /// Paths of the renderer.
     Rendering = 6,
+    /// Directions that each pixel draws by the lobe of its surface.
+    LobeSampling = 20,
     /// Data made by tests and benchmarks.
     Test = 1000,
 }
@@ -72,7 +74,8 @@ impl Generator {
 }
 
 /// A bijection of 64 bits that spreads every bit over all (finalizer of SplitMix64, Steele et al. 2014).
-fn mixed(bits: u64) -> u64 {
+#[inline]
+pub fn mixed(bits: u64) -> u64 {
     let mut z = bits.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

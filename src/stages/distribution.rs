@@ -32,11 +32,27 @@ pub struct DistributionStage {
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub clamp: Option<f64>,
+    /// Takes the sphere's uniform density off and draws from what is left (Karlík et al. 2019): for `relight` with `mis-balance` or
+    /// `mis-power` alone, where the other technique covers the rest. No effect on a map that is even to 1 %.
+    #[serde(default)]
+    pub mis_compensation: bool,
+    /// Share of the sphere's uniform density in a mixture with the rest, 0 to 1; taken after the compensation. Default 0.
+    ///
+    /// Bounds the weight of any sample by radiance x 4 pi / share, and reaches directions that the map alone never gives.
+    #[serde(default)]
+    #[schemars(range(min = 0, max = 1))]
+    pub defensive: f64,
 }
 
 impl DistributionStage {
     fn settings(&self) -> Settings {
-        Settings { sine: self.sine, intensity: self.intensity, clamp: self.clamp.map(|limit| limit as f32) }
+        Settings {
+            sine: self.sine,
+            intensity: self.intensity,
+            clamp: self.clamp.map(|limit| limit as f32),
+            is_compensated: self.mis_compensation,
+            defensive: self.defensive,
+        }
     }
 }
 
@@ -54,7 +70,10 @@ impl Stage for DistributionStage {
             Sine::None => Some("sine `none`: directions near the poles are drawn too often for their solid angle"),
         };
         let of_clamp = self.clamp.map(|limit| format!("clamp `{limit}` (second report): probabilities follow the clamped map"));
-        of_sine.map(String::from).into_iter().chain(of_clamp).collect()
+        let is_partial = self.mis_compensation && self.defensive == 0.0;
+        let of_compensation = is_partial
+            .then(|| "mis_compensation: part of the sphere is never drawn; biased unless another technique covers it".to_string());
+        of_sine.map(String::from).into_iter().chain(of_clamp).chain(of_compensation).collect()
     }
 
     fn memory(&self, inputs: &InputSizes) -> u64 {
@@ -70,6 +89,9 @@ impl Stage for DistributionStage {
         }
         if distribution.is_uniform() {
             job.warn("no pixel of the map has any weight: the distribution is uniform over the sphere");
+        }
+        if self.mis_compensation && self.defensive == 0.0 && !distribution.is_compensated() {
+            job.warn("`mis_compensation` has no effect: the map is even to 1 %");
         }
         Ok(distribution)
     }
@@ -91,8 +113,13 @@ mod tests {
     #[test]
     fn the_parameters_of_a_file_become_settings() {
         let stage: DistributionStage = serde_yaml::from_str("{ of: env, sine: edge-inclusive, intensity: rec709, clamp: 1 }").unwrap();
-        assert_eq!(stage.settings(), Settings { sine: Sine::EdgeInclusive, intensity: Intensity::Rec709, clamp: Some(1.0) });
+        let expected = Settings { sine: Sine::EdgeInclusive, intensity: Intensity::Rec709, clamp: Some(1.0), ..Settings::default() };
+        assert_eq!(stage.settings(), expected);
         assert_eq!(stage.caveats().len(), 2);
+        let mixed: DistributionStage = serde_yaml::from_str("{ of: env, mis_compensation: true, defensive: 0.1 }").unwrap();
+        assert!(mixed.settings().is_compensated && mixed.settings().defensive == 0.1 && mixed.caveats().is_empty());
+        let partial: DistributionStage = serde_yaml::from_str("{ of: env, mis_compensation: true }").unwrap();
+        assert!(partial.caveats()[0].contains("biased"));
         let plain: DistributionStage = serde_yaml::from_str("{ of: env }").unwrap();
         assert_eq!(plain.settings(), Settings::default());
         assert!(plain.caveats().is_empty());

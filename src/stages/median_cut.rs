@@ -12,26 +12,27 @@ use crate::light::envmap::{Angles, EnvMap};
 use crate::light::lights::LightSet;
 use crate::light::median_cut::{self, MedianCutError, Place, Settings, Variant};
 
-/// Cuts a map into regions of equal energy and puts one directional light into each.
+/// Cuts a map into regions of equal energy, or of least variance, and puts one directional light into each.
 ///
-/// After Debevec, "A median cut algorithm for light probe sampling" (2005).
+/// After Debevec, "A median cut algorithm for light probe sampling" (2005), and Viriyothai and Debevec, "Variance
+/// minimization light probe sampling" (2009). Needs little memory beside the map.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MedianCut {
     /// The map to cut.
     pub of: Port<EnvMap>,
-    /// How many lights. A power of two cuts every region equally often; otherwise the most energetic regions are cut
-    /// once more. Fewer lights result, with a warning, where regions of one pixel leave nothing to cut.
+    /// How many lights. A power of two cuts every region equally often; otherwise the most energetic regions (for
+    /// `variance`: those of most variance) are cut once more. Fewer lights result, with a warning, where regions of one pixel leave nothing to cut.
     pub count: NonZeroU32,
     /// What is balanced, and which side of a region is the longer one. Default `debevec`.
     #[serde(default)]
     pub variant: Variant,
     /// Where in its region each light stands. By default as in the variant's source: `centroid` for
-    /// `debevec`, `median` for `coursework-2021`.
+    /// `debevec`, `median` for `coursework-2021`, `vector-mean` for `variance`.
     #[serde(default)]
     pub place: Option<Place>,
     /// At which polar angle `coursework-2021` takes the sine of a row. By default `edge`, which gives the
-    /// report's total; `debevec` uses exact solid angles and takes no such choice.
+    /// report's total; the others use exact solid angles and take no such choice.
     #[serde(default)]
     pub angles: Option<Angles>,
 }
@@ -49,7 +50,7 @@ impl MedianCut {
 
 impl Stage for MedianCut {
     const KIND: &'static str = "median-cut";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &["lights"] }];
     type Output = LightSet;
 
@@ -57,22 +58,24 @@ impl Stage for MedianCut {
         if self.angles.is_none() || self.variant == Variant::Coursework2021 {
             return Vec::new();
         }
-        let message = "`debevec` weights rows by their solid angle, so `angles` has no meaning".to_string();
+        let message =
+            "only `coursework-2021` weights rows by a sine; the others take their solid angle, so `angles` has no meaning".to_string();
         vec![Mistake { field: "angles".into(), message, hint: Some("remove `angles`, or set `variant: coursework-2021`".into()) }]
     }
 
     fn caveats(&self) -> Vec<String> {
         match self.variant {
-            Variant::Debevec => Vec::new(),
+            Variant::Debevec | Variant::Variance => Vec::new(),
             Variant::Coursework2021 => {
                 vec!["`variant: coursework-2021` is the second report's: rows count by the sine at their edge, sides by pixels".into()]
             }
         }
     }
 
-    /// The summed-area table has one f64 where the map has three f32.
+    /// Sums along the sides of regions: at most 64 pieces of three f64 a column.
     fn memory(&self, inputs: &InputSizes) -> u64 {
-        inputs.values().sum::<u64>() / 3 * 2 + u64::from(self.count.get()).min(1 << 20) * 256
+        let width = (inputs.values().sum::<u64>() / 6).isqrt();
+        width * 64 * 4 * 8 + u64::from(self.count.get()).min(1 << 24) * 256
     }
 
     fn run(&self, job: &Job<'_>) -> Result<LightSet, StageError> {

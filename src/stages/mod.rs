@@ -5,6 +5,7 @@
 
 pub mod artifacts;
 pub mod assemble;
+pub mod assess;
 pub mod average;
 pub mod compare;
 pub mod conversion;
@@ -22,6 +23,7 @@ pub mod origin;
 pub mod plot;
 pub mod profile;
 pub mod rasters;
+pub mod reach;
 pub mod relight;
 pub mod render;
 pub mod rotate;
@@ -68,7 +70,9 @@ pub fn registry() -> Registry {
         .with::<tone_map::ToneMap>()
         .with::<compare::Compare>()
         .with::<average::Average>()
+        .with::<assess::Assess>()
         .with::<table::Collect>()
+        .with::<reach::ReachStage>()
         .with::<plot::Plot>()
         .with::<grid::Grid>()
         .with_artifact::<EnvMap>()

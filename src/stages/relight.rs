@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::fmt;
+use std::num::NonZeroU32;
 use std::sync::Arc;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -10,39 +11,56 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::engine::artifact::{AnyArtifact, TypeName};
 use crate::engine::job::Job;
-use crate::engine::parameter::{Accepts, Port};
+use crate::engine::parameter::{Accepts, Port, Seed};
 use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
 use crate::image::raster::Image;
+use crate::light::distribution::Distribution;
 use crate::light::envmap::EnvMap;
 use crate::light::harmonics::Coefficients;
 use crate::light::lights::LightSet;
-use crate::light::relight::estimators::{RelightError, SampleEstimator, WeightedDirections};
+use crate::light::points::Arrangement;
+use crate::light::relight::drawn::{Drawing, Technique};
+use crate::light::relight::estimators::{RelightError, SampleEstimator, WeightedDirections, weighted_lights, weighted_samples};
 use crate::light::relight::exact;
 use crate::light::relight::limits::Integrand;
+use crate::light::relight::lobe::Lobe;
+use crate::light::relight::reflected;
 use crate::light::relight::supersample;
 use crate::light::relight::turned::TurnedDirections;
 use crate::light::relight::views::{self, Encoding, Lookup};
 use crate::light::samples::{Frame, SampleSet};
+use crate::light::sampling::{Sampler, SamplingError};
+use crate::light::warp::memory_per_pixel;
+use crate::stages::sample::{InPixel, Method, Warp, sampling_error};
 
-/// Shows a sphere under a map: diffuse by one of several estimators, as a mirror, or its normals.
+/// Shows a sphere under a map: diffuse or glossy by one of several estimators, as a mirror, or its normals.
 ///
 /// The camera is orthographic and looks along -z, +x to the right, +y up. Alpha is 1 where the center of a pixel
-/// shows the sphere. One set of samples serves all pixels.
+/// shows the sphere. A set of samples serves all pixels; with a distribution in `with`, and for `lobe-weighted`, each pixel draws `count`
+/// directions for itself. Combinations of two techniques after Veach and Guibas (1995).
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Relight {
     /// The map that lights the sphere. Not needed for `lights`, nor for samples that carry radiance.
     #[serde(default)]
     pub env: Option<Port<EnvMap>>,
-    /// Samples or lights to estimate with; not for `exact` and `sh9`, nor for the mirror and normal views.
+    /// Samples or lights to estimate with, or a distribution to draw from; not for `exact`, `sh9` and `lobe-weighted`, nor for the mirror and
+    /// normal views.
     #[serde(default)]
-    pub with: Option<Port<Illumination>>,
-    /// How radiance is found. By default `pdf-weighted` for samples and `lights` for lights.
+    pub with: Option<Port<Source>>,
+    /// How radiance is found. By default `pdf-weighted` for samples and distributions, and `lights` for lights.
     #[serde(default)]
     pub estimator: Option<Estimator>,
+    /// Gives what the estimator tends to with ever more samples from the distribution in `with`, summed over every pixel of the map: its
+    /// limit in closed form. For the estimators of samples. Default false.
+    #[serde(default)]
+    pub limit: bool,
     /// What the sphere is made of. Default `diffuse`.
     #[serde(default)]
     pub view: View,
+    /// For the glossy view: the shape of its reflection.
+    #[serde(default)]
+    pub lobe: Option<LobeShape>,
     /// Width and height of the picture in pixels. Default 511, the coursework's.
     #[serde(default = "usual_size")]
     #[schemars(range(min = 1, max = 65536), extend("x-unit" = "px"))]
@@ -52,9 +70,29 @@ pub struct Relight {
     #[serde(default = "one")]
     #[schemars(range(min = 1, max = 32))]
     pub supersample: u32,
-    /// Share of the light that the diffuse sphere reflects: a number or `[r, g, b]`, from 0 to 1. Default 1.
+    /// Share of the light that the sphere reflects: a number or `[r, g, b]`, from 0 to 1. Default 1.
     #[serde(default)]
     pub albedo: Option<Albedo>,
+    /// Where pixels draw for themselves: directions of each, up to a million. Combinations draw half by the map and half by the lobe.
+    #[serde(default)]
+    #[schemars(range(min = 1, max = 1_000_000))]
+    pub count: Option<NonZeroU32>,
+    /// Where pixels draw for themselves: how points are spread. Default `iid`.
+    #[serde(default)]
+    pub method: Option<PixelMethod>,
+    /// Where pixels draw for themselves: how a point finds its pixel of the map. Default `marginal`.
+    #[serde(default)]
+    pub warp: Option<Warp>,
+    /// Where pixels draw for themselves: where in a pixel of the map a direction lies. By default `center`, and `solid-angle` for combinations,
+    /// which need a density at every direction.
+    #[serde(default)]
+    pub in_pixel: Option<InPixel>,
+    /// Where pixels draw for themselves: whether they share their points. Default `per-pixel`.
+    #[serde(default)]
+    pub points: Option<PointSharing>,
+    /// Where pixels draw for themselves: another seed gives other, equally good points; by default the pipeline's.
+    #[serde(default)]
+    pub seed: Seed,
     /// For the mirror view: how the map is read between pixels. Default `bilinear`.
     #[serde(default)]
     pub lookup: Option<Lookup>,
@@ -71,6 +109,78 @@ fn one() -> u32 {
     1
 }
 
+/// The shape of a glossy reflection, white and without Fresnel factor.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LobeShape {
+    /// (e + 2) / (2 pi) cos^e about the mirror direction (Lafortune and Willems 1994): reflects at most all light.
+    Phong(Phong),
+    /// GGX with height-correlated masking, single scattering (Walter et al. 2007, Heitz 2014).
+    Ggx(Ggx),
+}
+
+/// Phong's lobe.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Phong {
+    /// The exponent, a whole number: the larger, the sharper.
+    #[schemars(range(min = 1, max = 100_000))]
+    pub exponent: NonZeroU32,
+}
+
+/// A rough mirror.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Ggx {
+    /// Width of the distribution of slopes, from 0.001 to 1: the smaller, the sharper.
+    #[schemars(range(min = 0.001, max = 1))]
+    pub alpha: f64,
+}
+
+impl From<LobeShape> for Lobe {
+    fn from(shape: LobeShape) -> Self {
+        match shape {
+            LobeShape::Phong(Phong { exponent }) => Lobe::Phong { exponent: exponent.get() },
+            LobeShape::Ggx(Ggx { alpha }) => Lobe::Ggx { alpha },
+        }
+    }
+}
+
+/// How the points of a pixel are spread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PixelMethod {
+    /// Each independent of the others.
+    #[default]
+    Iid,
+    /// One in each of as many equal cells.
+    Stratified,
+    /// Sobol points scrambled after Owen.
+    Sobol,
+}
+
+impl PixelMethod {
+    fn arrangement(self) -> Arrangement {
+        let method = match self {
+            Self::Iid => Method::Iid,
+            Self::Stratified => Method::Stratified,
+            Self::Sobol => Method::Sobol,
+        };
+        method.arrangement().expect("these draw from distributions")
+    }
+}
+
+/// Whether pixels have points of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PointSharing {
+    /// Each its own: errors are grain.
+    #[default]
+    PerPixel,
+    /// All the same: errors are smooth, and alike in neighboring pixels.
+    Shared,
+}
+
 /// What the sphere is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -78,6 +188,8 @@ pub enum View {
     /// Lambert's reflection of all light.
     #[default]
     Diffuse,
+    /// Reflection by `lobe`.
+    Glossy,
     /// A perfect mirror, as a light probe is photographed; takes `env` alone.
     Mirror,
     /// The normals as colors.
@@ -104,6 +216,12 @@ pub enum Estimator {
     Sh9,
     /// The sum over every pixel of the map.
     Exact,
+    /// Directions drawn by the lobe (Lambert's cosine, for the diffuse view) alone, radiance times lobe over density: unbiased.
+    LobeWeighted,
+    /// Half drawn by the distribution, half by the lobe, combined by the balance heuristic: unbiased.
+    MisBalance,
+    /// The same by the power heuristic with exponent 2: unbiased.
+    MisPower,
 }
 
 impl Estimator {
@@ -113,7 +231,18 @@ impl Estimator {
             Self::NormalizedColor => Some(SampleEstimator::NormalizedColor),
             Self::NormalizedColorSine => Some(SampleEstimator::NormalizedColorSine),
             Self::PdfWeighted => Some(SampleEstimator::PdfWeighted),
-            Self::Lights | Self::Sh9 | Self::Exact => None,
+            Self::Lights | Self::Sh9 | Self::Exact | Self::LobeWeighted | Self::MisBalance | Self::MisPower => None,
+        }
+    }
+
+    /// What pixels that draw for themselves draw by; `None` where they do not.
+    fn technique(self) -> Option<Technique> {
+        match self {
+            Self::PdfWeighted => Some(Technique::Map),
+            Self::LobeWeighted => Some(Technique::Lobe),
+            Self::MisBalance => Some(Technique::Balance),
+            Self::MisPower => Some(Technique::Power),
+            _ => None,
         }
     }
 
@@ -122,6 +251,9 @@ impl Estimator {
             Self::Lights => "lights",
             Self::Sh9 => "sh9",
             Self::Exact => "exact",
+            Self::LobeWeighted => "lobe-weighted",
+            Self::MisBalance => "mis-balance",
+            Self::MisPower => "mis-power",
             Self::EqualWeight | Self::NormalizedColor | Self::NormalizedColorSine | Self::PdfWeighted => {
                 self.of_samples().map_or("", SampleEstimator::name)
             }
@@ -143,7 +275,7 @@ impl Estimator {
             ),
             Self::Lights => Some("has an error of its own that no number of pixels averages out: each region shines from one direction"),
             Self::Sh9 => Some("keeps nine harmonics of the light: it errs by some percent, more under a single lamp, and may be negative"),
-            Self::PdfWeighted | Self::Exact => None,
+            Self::PdfWeighted | Self::Exact | Self::LobeWeighted | Self::MisBalance | Self::MisPower => None,
         }
     }
 }
@@ -220,7 +352,7 @@ impl JsonSchema for Albedo {
     }
 }
 
-/// What estimates can be made with.
+/// Directions with radiance: what a map has been reduced to.
 #[derive(Debug, Clone)]
 pub enum Illumination {
     /// Directions drawn at random.
@@ -238,15 +370,37 @@ impl Accepts for Illumination {
     }
 }
 
+/// What estimates can be made with.
+#[derive(Debug, Clone)]
+pub enum Source {
+    /// Directions for all pixels.
+    Illumination(Illumination),
+    /// Probabilities by which pixels draw for themselves.
+    Distribution(Arc<Distribution>),
+}
+
+impl Accepts for Source {
+    const TYPES: &'static [TypeName] = &["samples", "lights", "distribution"];
+    type Value = Self;
+
+    fn take(artifact: AnyArtifact) -> Option<Self> {
+        artifact.get().map(Self::Distribution).or_else(|| Illumination::take(artifact).map(Self::Illumination))
+    }
+}
+
 impl Stage for Relight {
     const KIND: &'static str = "relight";
     const VERSION: u32 = 1;
     const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &["image"] }];
     type Output = Image;
 
+    fn draws(&self) -> bool {
+        self.count.is_some()
+    }
+
     fn mistakes(&self) -> Vec<Mistake> {
         let mut mistakes = self.fields_without_meaning();
-        mistakes.extend(self.missing_port());
+        mistakes.extend(self.missing_field());
         mistakes.extend(self.too_many_points());
         mistakes
     }
@@ -260,8 +414,12 @@ impl Stage for Relight {
     fn memory(&self, inputs: &InputSizes) -> u64 {
         let size = self.points();
         let picture = 16 * (size * size) as u64;
+        let map = inputs.get("env").copied().unwrap_or(0);
         match self.estimator {
-            Some(Estimator::Exact) => picture + exact::memory(map_width(inputs.get("env").copied().unwrap_or(0)), size),
+            Some(Estimator::Exact) if self.view == View::Glossy => picture + reflected::memory(map / 12),
+            Some(Estimator::Exact) => picture + exact::memory(map_width(map), size),
+            _ if self.limit => picture + exact::memory(map_width(map), size).max(reflected::memory(map / 12)),
+            _ if self.count.is_some() => picture + map / 12 * memory_per_pixel(self.warp.unwrap_or_default().into()),
             _ => picture + inputs.get("with").copied().unwrap_or(0),
         }
     }
@@ -270,7 +428,8 @@ impl Stage for Relight {
         let env = job.optional_input(&self.env)?;
         let size = self.points();
         let image = match self.view {
-            View::Diffuse => self.diffuse(env, job),
+            View::Diffuse => self.shaded(env, Lobe::Diffuse, job),
+            View::Glossy => self.shaded(env, self.lobe.map_or(Lobe::Diffuse, Lobe::from), job),
             View::Mirror => views::mirror(&*given(env)?, self.lookup.unwrap_or_default(), size, || job.check()),
             View::Normal => views::normals(self.encoding.unwrap_or_default(), size, || job.check()),
         };
@@ -284,32 +443,154 @@ impl Relight {
         self.size as usize * self.supersample as usize
     }
 
-    fn diffuse(&self, env: Option<Arc<EnvMap>>, job: &Job<'_>) -> Result<Image, StageError> {
-        let (size, albedo) = (self.points(), self.albedo.map_or([1.0; 3], Albedo::rgb));
+    fn rgb(&self) -> [f64; 3] {
+        self.albedo.map_or([1.0; 3], Albedo::rgb)
+    }
+
+    fn shaded(&self, env: Option<Arc<EnvMap>>, lobe: Lobe, job: &Job<'_>) -> Result<Image, StageError> {
+        let (size, albedo) = (self.points(), self.rgb());
         match (self.estimator, job.optional_input(&self.with)?) {
-            (Some(Estimator::Exact), _) => exact::relight(&*given(env)?, &Integrand::radiance(), size, albedo, || job.check()),
+            (Some(Estimator::Exact), _) => self.summed(&*given(env)?, &Integrand::radiance(), lobe, job),
             (Some(Estimator::Sh9), _) => Coefficients::of(&*given(env)?, || job.check())?.relight(size, albedo, || job.check()),
-            (None | Some(Estimator::Lights), Some(Illumination::Lights(lights))) => {
-                WeightedDirections::of_lights(&lights).relight(size, albedo, || job.check())
+            (Some(Estimator::LobeWeighted), _) => self.drawn(&*given(env)?, None, lobe, job),
+            (None | Some(Estimator::Lights), Some(Source::Illumination(Illumination::Lights(lights)))) => match lobe {
+                Lobe::Diffuse => WeightedDirections::of_lights(&lights).relight(size, albedo, || job.check()),
+                _ => reflected::by_directions(&weighted_lights(&lights), lobe, size, albedo, || job.check()),
+            },
+            (estimator, Some(Source::Distribution(distribution))) => {
+                let env = given(env)?;
+                check_distribution(&distribution, &env)?;
+                match (self.limit, estimator.unwrap_or(Estimator::PdfWeighted).of_samples()) {
+                    (true, Some(estimator)) => self.summed(&env, &Integrand::drawn_from(estimator, &distribution), lobe, job),
+                    _ => self.drawn(&env, Some(&distribution), lobe, job),
+                }
             }
-            (estimator, Some(Illumination::Samples(samples))) => {
-                let estimator = estimator.unwrap_or(Estimator::PdfWeighted).of_samples().ok_or_else(lights_from_samples)?;
-                from_samples(&samples, env.as_deref(), estimator, size, albedo, job)
+            (_, Some(_)) if self.limit || self.count.is_some() => Err(needs_distribution()),
+            (estimator, Some(Source::Illumination(Illumination::Samples(samples)))) => {
+                let estimator = estimator.unwrap_or(Estimator::PdfWeighted);
+                let estimator = estimator.of_samples().ok_or_else(|| other_from_samples(estimator))?;
+                self.by_samples(&samples, env.as_deref(), estimator, lobe, job)
             }
-            (Some(estimator), Some(Illumination::Lights(_))) => Err(samples_from_lights(estimator)),
+            (Some(estimator), Some(Source::Illumination(Illumination::Lights(_)))) => Err(samples_from_lights(estimator)),
             (_, None) => Err(StageError::content("there is nothing to estimate with; set `with` to samples or lights")),
         }
     }
 
+    /// The sphere from a set of samples.
+    fn by_samples(
+        &self,
+        samples: &SampleSet,
+        env: Option<&EnvMap>,
+        estimator: SampleEstimator,
+        lobe: Lobe,
+        job: &Job<'_>,
+    ) -> Result<Image, StageError> {
+        let (size, albedo) = (self.points(), self.rgb());
+        match (samples.frame, lobe) {
+            (Frame::World, Lobe::Diffuse) => {
+                let directions = WeightedDirections::of_samples(samples, env, estimator)?;
+                warn_of_skipped(directions.skipped_count, job);
+                directions.relight(size, albedo, || job.check())
+            }
+            (Frame::World, _) => {
+                let (directions, skipped_count) = weighted_samples(samples, env, estimator)?;
+                warn_of_skipped(skipped_count, job);
+                reflected::by_directions(&directions, lobe, size, albedo, || job.check())
+            }
+            (Frame::Normal, Lobe::Diffuse) => {
+                let env = env.ok_or_else(|| {
+                    StageError::content(
+                        "samples about the normal meet other directions at every pixel; set `env` to the map that lights it",
+                    )
+                })?;
+                let directions = TurnedDirections::new(samples, env, estimator)?;
+                warn_of_skipped(directions.skipped_count, job);
+                directions.relight(size, albedo, || job.check())
+            }
+            (Frame::Normal, _) => Err(StageError::content_with_hint(
+                "samples about the normal follow a cosine, not a glossy lobe",
+                "set `estimator: lobe-weighted` with `count`, and leave `with` out",
+            )),
+        }
+    }
+
+    /// The sum over every pixel of a map.
+    fn summed(&self, env: &EnvMap, integrand: &Integrand<'_>, lobe: Lobe, job: &Job<'_>) -> Result<Image, StageError> {
+        match lobe {
+            Lobe::Diffuse => exact::relight(env, integrand, self.points(), self.rgb(), || job.check()),
+            _ => reflected::exact(env, integrand, lobe, self.points(), self.rgb(), || job.check()),
+        }
+    }
+
+    /// Pixels that draw for themselves.
+    fn drawn(&self, env: &EnvMap, distribution: Option<&Distribution>, lobe: Lobe, job: &Job<'_>) -> Result<Image, StageError> {
+        let estimator = self.estimator.unwrap_or(Estimator::PdfWeighted);
+        let technique = estimator.technique().ok_or_else(|| samples_from_distribution(estimator))?;
+        let count = self.count.ok_or_else(|| {
+            StageError::content_with_hint(
+                "`with` gives a distribution, and `count` is missing",
+                "set `count` to the directions of each pixel, or `limit: true`",
+            )
+        })?;
+        if technique == Technique::Map && distribution.is_some_and(Distribution::is_compensated) {
+            job.warn("the distribution is compensated: part of the sphere is never drawn, and the estimate is biased; use `mis-balance` or `mis-power`");
+        }
+        let usual = if matches!(technique, Technique::Balance | Technique::Power) { InPixel::SolidAngle } else { InPixel::Center };
+        let (warp, place) = (self.warp.unwrap_or_default().into(), self.in_pixel.unwrap_or(usual).into());
+        let sampler = distribution.map(|distribution| Sampler::new(distribution, warp, place, || job.check()));
+        let sampler = sampler.transpose().map_err(|error: SamplingError<StageError>| sampling_error(error))?;
+        let drawing = Drawing {
+            map: env,
+            sampler: sampler.as_ref(),
+            lobe,
+            technique,
+            arrangement: self.method.unwrap_or_default().arrangement(),
+            count: count.get() as usize,
+            seed: job.seed(self.seed),
+            is_shared: self.points == Some(PointSharing::Shared),
+        };
+        drawing.relight(self.points(), self.rgb(), || job.check())
+    }
+
+    /// Whether radiance is estimated: not for what shows the map or the normals themselves.
+    fn is_shaded(&self) -> bool {
+        matches!(self.view, View::Diffuse | View::Glossy)
+    }
+
     /// Fields that the view or the estimator does not read.
     fn fields_without_meaning(&self) -> Vec<Mistake> {
-        let is_diffuse = self.view == View::Diffuse;
+        let is_shaded = self.is_shaded();
         let is_by_map = matches!(self.estimator, Some(Estimator::Exact | Estimator::Sh9));
+        let is_by_lobe = self.estimator == Some(Estimator::LobeWeighted);
+        let is_combined = matches!(self.estimator, Some(Estimator::MisBalance | Estimator::MisPower));
+        let estimates = self.estimator.is_none_or(|estimator| estimator.of_samples().is_some());
+        let of_glossy = self
+            .estimator
+            .is_none_or(|estimator| estimator.technique().is_some() || matches!(estimator, Estimator::Lights | Estimator::Exact));
+        let draws = self.estimator.is_none_or(|estimator| estimator.technique().is_some());
+        let (is_drawn, alone) = (self.count.is_some(), "is for pixels that draw for themselves: with `count` alone");
+        let is_inside = self.in_pixel.is_some_and(|place| place == InPixel::Center);
         let unread = [
-            ("estimator", !is_diffuse && self.estimator.is_some(), "is for `view: diffuse` alone"),
-            ("albedo", !is_diffuse && self.albedo.is_some(), "is for `view: diffuse` alone"),
-            ("with", !is_diffuse && self.with.is_some(), "is for `view: diffuse` alone"),
-            ("with", is_diffuse && is_by_map && self.with.is_some(), "is not read: this estimator uses every pixel of `env`"),
+            ("estimator", !is_shaded && self.estimator.is_some(), "is for the views `diffuse` and `glossy` alone"),
+            ("estimator", self.view == View::Glossy && !of_glossy, "of this kind is for `view: diffuse` alone"),
+            ("albedo", !is_shaded && self.albedo.is_some(), "is for the views `diffuse` and `glossy` alone"),
+            ("with", !is_shaded && self.with.is_some(), "is for the views `diffuse` and `glossy` alone"),
+            ("with", is_shaded && is_by_map && self.with.is_some(), "is not read: this estimator uses every pixel of `env`"),
+            ("with", is_by_lobe && self.with.is_some(), "is not read: this estimator draws by the lobe"),
+            ("lobe", self.view != View::Glossy && self.lobe.is_some(), "is for `view: glossy` alone"),
+            ("limit", self.limit && !(is_shaded && estimates), "is for the estimators of samples alone"),
+            ("count", self.limit && is_drawn, "is not read: a limit has no number of samples"),
+            (
+                "count",
+                is_drawn && !self.limit && !(is_shaded && draws),
+                "is for estimators that draw directions: `pdf-weighted`, `lobe-weighted` and combinations",
+            ),
+            ("method", !is_drawn && self.method.is_some(), alone),
+            ("points", !is_drawn && self.points.is_some(), alone),
+            ("seed", !is_drawn && self.seed.0.is_some(), alone),
+            ("warp", (!is_drawn || is_by_lobe) && self.warp.is_some(), "is for pixels that draw by a distribution alone"),
+            ("in_pixel", (!is_drawn || is_by_lobe) && self.in_pixel.is_some(), "is for pixels that draw by a distribution alone"),
+            ("in_pixel", is_combined && is_inside, "must not be `center` for a combination, which needs a density at every direction"),
             ("lookup", self.view != View::Mirror && self.lookup.is_some(), "is for `view: mirror` alone"),
             ("encoding", self.view != View::Normal && self.encoding.is_some(), "is for `view: normal` alone"),
         ];
@@ -331,49 +612,45 @@ impl Relight {
         })
     }
 
-    fn missing_port(&self) -> Option<Mistake> {
+    fn missing_field(&self) -> Option<Mistake> {
         let mistake = |field: &str, message: &str, hint: &str| {
             Some(Mistake { field: field.into(), message: message.into(), hint: Some(hint.into()) })
         };
+        let is_by_lobe = self.estimator == Some(Estimator::LobeWeighted);
+        let is_combined = matches!(self.estimator, Some(Estimator::MisBalance | Estimator::MisPower));
+        let needs_no_port = is_by_lobe || matches!(self.estimator, Some(Estimator::Exact | Estimator::Sh9));
         let needs_env = match self.view {
-            View::Diffuse => matches!(self.estimator, Some(Estimator::Exact | Estimator::Sh9)),
+            View::Diffuse | View::Glossy => needs_no_port || self.count.is_some() || self.limit,
             View::Mirror => true,
             View::Normal => false,
         };
         if needs_env && self.env.is_none() {
             return mistake("env", "`env` is missing: the sphere shows a map", "set `env` to a stage that gives an envmap");
         }
-        if self.view == View::Diffuse && !needs_env && self.with.is_none() {
-            let hint = "set `with` to a stage that gives samples or lights, or `estimator: exact`";
+        if self.is_shaded() && !needs_no_port && self.with.is_none() {
+            let hint = "set `with` to a stage that gives samples, lights or a distribution, or `estimator: exact`";
             return mistake("with", "`with` is missing: there is nothing to estimate with", hint);
+        }
+        if self.view == View::Glossy && self.lobe.is_none() {
+            return mistake(
+                "lobe",
+                "`lobe` is missing: a glossy sphere needs the shape of its reflection",
+                "set `lobe: { phong: { exponent: 32 } }`",
+            );
+        }
+        if (is_by_lobe || is_combined) && self.is_shaded() && self.count.is_none() {
+            return mistake("count", "`count` is missing: this estimator draws directions", "set `count` to the directions of each pixel");
+        }
+        if is_combined && self.count.is_some_and(|count| count.get() < 2) {
+            return mistake("count", "a combination of two techniques needs at least 2 directions", "set `count: 2` or more");
         }
         None
     }
 }
 
-fn from_samples(
-    samples: &SampleSet,
-    env: Option<&EnvMap>,
-    estimator: SampleEstimator,
-    size: usize,
-    albedo: [f64; 3],
-    job: &Job<'_>,
-) -> Result<Image, StageError> {
-    match samples.frame {
-        Frame::World => {
-            let directions = WeightedDirections::of_samples(samples, env, estimator)?;
-            warn_of_skipped(directions.skipped_count, job);
-            directions.relight(size, albedo, || job.check())
-        }
-        Frame::Normal => {
-            let env = env.ok_or_else(|| {
-                StageError::content("samples about the normal meet other directions at every pixel; set `env` to the map that lights it")
-            })?;
-            let directions = TurnedDirections::new(samples, env, estimator)?;
-            warn_of_skipped(directions.skipped_count, job);
-            directions.relight(size, albedo, || job.check())
-        }
-    }
+fn check_distribution(distribution: &Distribution, env: &EnvMap) -> Result<(), RelightError> {
+    let (drawn, map) = ([distribution.width(), distribution.height()], [env.width(), env.height()]);
+    if drawn == map { Ok(()) } else { Err(RelightError::OtherDistribution { drawn, map }) }
 }
 
 fn warn_of_skipped(count: usize, job: &Job<'_>) {
@@ -386,10 +663,25 @@ fn given(env: Option<Arc<EnvMap>>) -> Result<Arc<EnvMap>, StageError> {
     env.ok_or_else(|| StageError::content("`env` is missing; set it to the map that the sphere shows"))
 }
 
-fn lights_from_samples() -> StageError {
+fn other_from_samples(estimator: Estimator) -> StageError {
+    let hint = match estimator {
+        Estimator::Lights => "set `with` to a `median-cut` stage, or `estimator: pdf-weighted`",
+        _ => "set `with` to a `distribution` stage, or `estimator: pdf-weighted`",
+    };
+    StageError::content_with_hint(format!("`estimator: {}` cannot be had from samples, which `with` gives", estimator.name()), hint)
+}
+
+fn samples_from_distribution(estimator: Estimator) -> StageError {
     StageError::content_with_hint(
-        "`estimator: lights` needs lights, `with` gives samples",
-        "set `with` to a `median-cut` stage, or `estimator: pdf-weighted`",
+        format!("`estimator: {}` needs a set of samples, `with` gives a distribution", estimator.name()),
+        "set `with` to a `sample` stage, or `limit: true` for what the estimator tends to",
+    )
+}
+
+fn needs_distribution() -> StageError {
+    StageError::content_with_hint(
+        "`limit` and `count` are for a distribution in `with`",
+        "set `with` to a `distribution` stage, or remove them",
     )
 }
 
@@ -416,7 +708,7 @@ mod tests {
     use super::*;
 
     fn parsed(yaml: &str) -> Relight {
-        serde_yaml::from_str(yaml).unwrap()
+        serde_yaml::with::singleton_map_recursive::deserialize(serde_yaml::Deserializer::from_str(yaml)).unwrap()
     }
 
     fn faulty_fields(yaml: &str) -> Vec<String> {
@@ -434,6 +726,12 @@ mod tests {
             "{ env: e, view: mirror, lookup: nearest }",
             "{ view: normal, encoding: raw }",
             "{ env: e, view: normal }",
+            "{ env: e, with: d, count: 16, method: sobol, warp: hierarchical, points: shared, seed: 3 }",
+            "{ env: e, with: d, estimator: equal-weight, limit: true }",
+            "{ env: e, with: d, estimator: mis-power, count: 16, in_pixel: uv }",
+            "{ env: e, estimator: lobe-weighted, count: 1 }",
+            "{ env: e, view: glossy, lobe: { phong: { exponent: 32 } }, estimator: exact }",
+            "{ env: e, with: l, view: glossy, lobe: { ggx: { alpha: 0.25 } } }",
         ] {
             assert!(faulty_fields(yaml).is_empty(), "{yaml}");
         }
@@ -449,6 +747,17 @@ mod tests {
             ("{ env: e, view: mirror, estimator: exact, albedo: 1 }", vec!["estimator", "albedo"]),
             ("{ view: normal, with: s, lookup: nearest }", vec!["with", "lookup"]),
             ("{ env: e, with: s, encoding: raw }", vec!["encoding"]),
+            ("{ env: e, with: d, method: sobol, warp: alias, seed: 3 }", vec!["method", "seed", "warp"]),
+            ("{ env: e, with: d, estimator: mis-balance, count: 8, in_pixel: center }", vec!["in_pixel"]),
+            ("{ env: e, with: d, estimator: mis-balance, count: 1 }", vec!["count"]),
+            ("{ env: e, with: d, estimator: mis-balance }", vec!["count"]),
+            ("{ with: d, count: 8 }", vec!["env"]),
+            ("{ env: e, with: d, estimator: equal-weight, limit: true, count: 8 }", vec!["count"]),
+            ("{ env: e, estimator: exact, limit: true }", vec!["limit"]),
+            ("{ env: e, with: s, view: glossy }", vec!["lobe"]),
+            ("{ env: e, with: s, view: glossy, lobe: { phong: { exponent: 4 } }, estimator: equal-weight }", vec!["estimator"]),
+            ("{ env: e, with: s, lobe: { phong: { exponent: 4 } } }", vec!["lobe"]),
+            ("{ env: e, with: d, estimator: lobe-weighted, count: 4 }", vec!["with"]),
         ] {
             assert_eq!(faulty_fields(yaml), fields, "{yaml}");
         }

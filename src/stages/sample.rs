@@ -11,8 +11,10 @@ use crate::engine::parameter::{Port, Seed};
 use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
 use crate::light::distribution::Distribution;
 use crate::light::envmap::EnvMap;
+use crate::light::points::Arrangement;
 use crate::light::samples::{Sample, SampleSet};
-use crate::light::sampling::{self, SamplingError};
+use crate::light::sampling::{self, Draw, Placement, SamplingError};
+use crate::light::warp::{WarpKind, memory_per_pixel};
 
 /// How directions are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -26,6 +28,9 @@ pub enum Method {
     /// One in each of `count` equal cells of the unit square, then by the distribution of `of`. The cells are a grid
     /// as near to a square as the factors of `count` allow.
     Stratified,
+    /// The first `count` points of Sobol's sequence, scrambled after Owen by hashing (Burley 2020), then by the
+    /// distribution of `of`. Any count; powers of two are spread best. Each seed is an independent scrambling.
+    Sobol,
     /// Uniform on the sphere; needs no distribution.
     Uniform,
     /// Density cosine / pi about +z, turned to each normal by `relight`; needs no distribution.
@@ -33,11 +38,19 @@ pub enum Method {
 }
 
 impl Method {
-    fn needs_distribution(self) -> bool {
+    /// How its points are spread where it draws from a distribution.
+    pub fn arrangement(self) -> Option<Arrangement> {
         match self {
-            Method::Iid | Method::RowsThenColumns | Method::Stratified => true,
-            Method::Uniform | Method::Cosine => false,
+            Method::Iid => Some(Arrangement::Independent),
+            Method::RowsThenColumns => Some(Arrangement::RowsThenColumns),
+            Method::Stratified => Some(Arrangement::Stratified),
+            Method::Sobol => Some(Arrangement::Sobol),
+            Method::Uniform | Method::Cosine => None,
         }
+    }
+
+    fn needs_distribution(self) -> bool {
+        self.arrangement().is_some()
     }
 
     /// As it is written in a pipeline file.
@@ -46,17 +59,88 @@ impl Method {
             Method::Iid => "iid",
             Method::RowsThenColumns => "rows-then-columns",
             Method::Stratified => "stratified",
+            Method::Sobol => "sobol",
             Method::Uniform => "uniform",
             Method::Cosine => "cosine",
         }
     }
 }
 
+/// How a point of the unit square finds its pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Warp {
+    /// Row, then column, by inverting cumulative probabilities.
+    #[default]
+    Marginal,
+    /// Row, then column, by alias tables (Walker 1977, Vose 1991): constant time, eight bytes a pixel; well-spread points lose most of
+    /// their order.
+    Alias,
+    /// Halving down a pyramid of sums (Clarberg et al. 2005): neighbors on the square stay neighbors on the map.
+    Hierarchical,
+}
+
+/// How a cumulative probability is inverted by `warp: marginal`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Inversion {
+    /// The first row, then column, whose cumulative probability exceeds the number: realizes the distribution.
+    #[default]
+    LowerBound,
+    /// The one whose cumulative probability is nearest to the number (second report): realizes a distribution that is shifted by
+    /// half a pixel and blurred, (p_j + p_{j+1}) / 2.
+    Nearest,
+}
+
+/// Which probability samples of `inversion: nearest` carry.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reported {
+    /// The one with which they are drawn.
+    #[default]
+    Realized,
+    /// The one of the distribution, as in the second report: estimates are biased.
+    Intended,
+}
+
+/// Where in its pixel a direction lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum InPixel {
+    /// At the direction that the pixel stands for.
+    #[default]
+    Center,
+    /// Uniform in u and v; the density grows towards the poles within a pixel.
+    Uv,
+    /// Uniform in solid angle; the density is constant within a pixel.
+    SolidAngle,
+}
+
+impl From<Warp> for WarpKind {
+    fn from(warp: Warp) -> Self {
+        match warp {
+            Warp::Marginal => WarpKind::Marginal,
+            Warp::Alias => WarpKind::Alias,
+            Warp::Hierarchical => WarpKind::Hierarchical,
+        }
+    }
+}
+
+impl From<InPixel> for Placement {
+    fn from(place: InPixel) -> Self {
+        match place {
+            InPixel::Center => Placement::Center,
+            InPixel::Uv => Placement::Uv,
+            InPixel::SolidAngle => Placement::SolidAngle,
+        }
+    }
+}
+
 /// Draws directions, more where a map is brighter.
 ///
-/// A direction drawn from a distribution is the one its pixel stands for. Inversion is `lower-bound`: the
-/// first row, then the first column, whose cumulative probability exceeds a uniform number.
-/// Source: Pharr, Jakob, Humphreys, "Physically Based Rendering", 3rd edition, section 13.6.7.
+/// Points of the unit square (`method`) find their pixels (`warp`) and places in them (`in_pixel`); every combination realizes
+/// the probabilities of the distribution, except `inversion: nearest`. A sample carries the probability of its pixel and
+/// its density per steradian. Source: Pharr, Jakob, Humphreys, "Physically Based Rendering", 3rd edition, section 13.6.7.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SampleStage {
@@ -72,6 +156,18 @@ pub struct SampleStage {
     /// How they are drawn.
     #[serde(default)]
     pub method: Method,
+    /// How a point finds its pixel. Default `marginal`.
+    #[serde(default)]
+    pub warp: Warp,
+    /// How `warp: marginal` inverts. Default `lower-bound`.
+    #[serde(default)]
+    pub inversion: Inversion,
+    /// Which probability samples of `inversion: nearest` carry. Default `realized`.
+    #[serde(default)]
+    pub pdf: Option<Reported>,
+    /// Where in its pixel a direction lies. Default `center`; the others need a map with `angles: center`.
+    #[serde(default)]
+    pub in_pixel: InPixel,
     /// Another seed gives another, equally good set; by default the pipeline's.
     #[serde(default)]
     pub seed: Seed,
@@ -82,14 +178,54 @@ impl SampleStage {
         let (count, seed) = (self.count.get() as usize, job.seed(self.seed));
         let distribution = job.optional_input(&self.of).map_err(SamplingError::Interrupted)?;
         let check = || job.check();
-        match (self.method, distribution.as_deref()) {
-            (Method::Iid, Some(distribution)) => sampling::independent(distribution, count, seed, check),
-            (Method::RowsThenColumns, Some(distribution)) => sampling::rows_then_columns(distribution, count, seed, check),
-            (Method::Stratified, Some(distribution)) => sampling::stratified(distribution, count, seed, check),
-            (Method::Uniform, None) => sampling::uniform(env.map(size), count, seed, check),
-            (Method::Cosine, None) => sampling::cosine(count, seed, check),
-            (method, _) => unreachable!("the plan refuses method `{}` with this `of`", method.name()),
+        match (self.method.arrangement(), distribution.as_deref()) {
+            (Some(arrangement), Some(distribution)) => {
+                if distribution.is_compensated() {
+                    job.warn(
+                        "`of` is compensated: part of the sphere is never drawn, and an estimate from these directions alone is biased",
+                    );
+                }
+                let draw = Draw { count, seed, arrangement, warp: self.warp_kind(), placement: self.in_pixel.into() };
+                sampling::draw(distribution, &draw, check)
+            }
+            (None, None) if self.method == Method::Uniform => sampling::uniform(env.map(size), count, seed, check),
+            (None, None) => sampling::cosine(count, seed, check),
+            _ => unreachable!("the plan refuses method `{}` with this `of`", self.method.name()),
         }
+    }
+
+    fn warp_kind(&self) -> WarpKind {
+        match self.inversion {
+            Inversion::LowerBound => self.warp.into(),
+            Inversion::Nearest => WarpKind::Nearest { reports_intended: self.pdf == Some(Reported::Intended) },
+        }
+    }
+
+    /// Fields that the method or another field leaves without a meaning.
+    fn combinations_without_meaning(&self) -> Vec<Mistake> {
+        let draws = self.method.needs_distribution();
+        let (is_plain, is_nearest) = (self.warp == Warp::Marginal, self.inversion == Inversion::Nearest);
+        let method = self.method.name();
+        let wrong = [
+            ("warp", !draws && !is_plain, format!("method `{method}` draws from no distribution")),
+            ("inversion", !draws && is_nearest, format!("method `{method}` draws from no distribution")),
+            ("in_pixel", !draws && self.in_pixel != InPixel::Center, format!("method `{method}` draws from no distribution")),
+            (
+                "warp",
+                self.method == Method::RowsThenColumns && !is_plain,
+                format!("method `{method}` is an inversion of rows, then columns"),
+            ),
+            ("inversion", draws && is_nearest && !is_plain, "`nearest` is an inversion, for `warp: marginal` alone".into()),
+            (
+                "in_pixel",
+                draws && is_nearest && self.in_pixel != InPixel::Center,
+                "`inversion: nearest` gives pixels, no places inside them".into(),
+            ),
+            ("pdf", !is_nearest && self.pdf.is_some(), "only with `inversion: nearest` do the two differ".into()),
+        ];
+        let mistake =
+            |(field, _, message): (&str, bool, String)| Mistake { field: field.into(), message, hint: Some(format!("remove `{field}`")) };
+        wrong.into_iter().filter(|(_, is_wrong, _)| *is_wrong).map(mistake).collect()
     }
 }
 
@@ -132,25 +268,34 @@ impl Stage for SampleStage {
             let nearest = format!("try `{}` or `{}`", u64::from(side).pow(2), (u64::from(side) + 1).pow(2));
             mistakes.push(mistake("count", message, &nearest));
         }
+        mistakes.extend(self.combinations_without_meaning());
         mistakes
     }
 
     fn caveats(&self) -> Vec<String> {
-        match self.method {
-            Method::RowsThenColumns => {
-                vec!["method `rows-then-columns` (second report): unbiased cluster sampling, of larger variance than `iid`".into()]
-            }
-            Method::Iid | Method::Stratified | Method::Uniform | Method::Cosine => Vec::new(),
+        let mut caveats = Vec::new();
+        if self.method == Method::RowsThenColumns {
+            caveats.push("method `rows-then-columns` (second report): unbiased cluster sampling, of larger variance than `iid`".into());
         }
+        if self.inversion == Inversion::Nearest {
+            let reported = match self.pdf.unwrap_or_default() {
+                Reported::Realized => "its own probabilities are reported",
+                Reported::Intended => "the intended probabilities are reported, and estimates are biased",
+            };
+            caveats.push(format!("inversion `nearest` (second report): draws from a shifted and blurred distribution; {reported}"));
+        }
+        caveats
     }
 
-    fn memory(&self, _: &InputSizes) -> u64 {
-        u64::from(self.count.get()) * size_of::<Sample>() as u64
+    fn memory(&self, inputs: &InputSizes) -> u64 {
+        // A distribution holds at least four bytes a pixel.
+        let pixels = inputs.get("of").copied().unwrap_or(0) / 4;
+        u64::from(self.count.get()) * size_of::<Sample>() as u64 + pixels * memory_per_pixel(self.warp_kind())
     }
 
     fn run(&self, job: &Job<'_>) -> Result<SampleSet, StageError> {
         let env = job.optional_input(&self.env)?;
-        let mut set = self.draw(job, env.as_deref()).map_err(stage_error)?;
+        let mut set = self.draw(job, env.as_deref()).map_err(sampling_error)?;
         if let Some(env) = env {
             sampling::look_up(&mut set, &env);
         }
@@ -162,10 +307,13 @@ fn size(map: &EnvMap) -> [u32; 2] {
     [map.width() as u32, map.height() as u32]
 }
 
-fn stage_error(error: SamplingError<StageError>) -> StageError {
+/// What to do about directions that cannot be drawn.
+pub fn sampling_error(error: SamplingError<StageError>) -> StageError {
     match error {
         SamplingError::Interrupted(error) => error,
         SamplingError::NotSquare { .. } => StageError::content(error),
+        SamplingError::NotCentered => StageError::content_with_hint(error, "set `in_pixel: center`, or `angles: center` of `load`"),
+        SamplingError::NoPlaces => StageError::content_with_hint(error, "set `in_pixel: center`"),
         SamplingError::TooMany { .. } => StageError::content_with_hint(error, "draw fewer, or several sets with different seeds"),
     }
 }
@@ -186,7 +334,7 @@ mod tests {
 
     #[test]
     fn a_distribution_is_asked_for_exactly_where_it_is_drawn_from() {
-        for method in ["iid", "rows-then-columns", "stratified"] {
+        for method in ["iid", "rows-then-columns", "stratified", "sobol"] {
             assert_eq!(faults(&format!("{{ count: 16, method: {method} }}")), ["of"]);
             assert!(faults(&format!("{{ of: dist, count: 16, method: {method} }}")).is_empty());
         }
@@ -196,6 +344,27 @@ mod tests {
         }
         assert_eq!(faults("{ env: env, count: 16, method: cosine }"), ["env"]);
         assert!(faults("{ env: env, count: 16, method: uniform }").is_empty());
+    }
+
+    #[test]
+    fn combinations_that_mean_nothing_are_refused() {
+        for (rest, field) in [
+            ("method: sobol, warp: alias, inversion: nearest", "inversion"),
+            ("method: rows-then-columns, warp: hierarchical", "warp"),
+            ("inversion: nearest, in_pixel: uv", "in_pixel"),
+            ("pdf: intended", "pdf"),
+        ] {
+            assert_eq!(faults(&format!("{{ of: dist, count: 16, {rest} }}")), [field], "{rest}");
+        }
+        for rest in ["warp: alias", "inversion: nearest", "in_pixel: uv"] {
+            assert_eq!(faults(&format!("{{ count: 16, method: uniform, {rest} }}")).len(), 1, "{rest}");
+        }
+        for rest in
+            ["method: sobol, warp: hierarchical, in_pixel: solid-angle", "method: rows-then-columns, inversion: nearest, pdf: intended"]
+        {
+            assert!(faults(&format!("{{ of: dist, count: 16, {rest} }}")).is_empty(), "{rest}");
+        }
+        assert!(stage("{ of: dist, count: 16, inversion: nearest, pdf: intended }").caveats()[0].contains("biased"));
     }
 
     #[test]
@@ -216,7 +385,7 @@ mod tests {
 
     #[test]
     fn names_of_methods_are_those_of_the_file() {
-        for method in [Method::Iid, Method::RowsThenColumns, Method::Stratified, Method::Uniform, Method::Cosine] {
+        for method in [Method::Iid, Method::RowsThenColumns, Method::Stratified, Method::Sobol, Method::Uniform, Method::Cosine] {
             assert_eq!(serde_json::to_value(method).unwrap(), method.name());
         }
     }

@@ -5,7 +5,9 @@
 
 mod bsdf;
 mod estimators;
+mod lights;
 mod render;
 mod sampling;
 mod shapes;
 mod shared;
+mod strategies;

@@ -4,11 +4,13 @@
 //! comparisons (Šidák) on Student's t; no sample may be anything but a finite color.
 
 use std::convert::Infallible;
+use std::f64::consts::PI;
 
 use pipeline::image::raster::Raster;
 use pipeline::light::envmap::EnvMap;
 use pipeline::light::relight::exact;
 use pipeline::light::relight::limits::Integrand;
+use pipeline::math::elementary;
 use pipeline::math::statistics::{mean, sidak_level, standard_error, student_t_cdf, variance};
 use pipeline::math::stream::{Purpose, Stream};
 use pipeline::render::film::sums::{Block, Refused, Window};
@@ -124,12 +126,18 @@ fn every_strategy_finds_the_same_light() {
             "bsdf_sampling: cosine",
             "strategy: emitter, environment: uniform",
             "environment: uniform",
+            "emitter_candidates: 1",
+            "emitter_candidates: 7",
+            "strategy: emitter, emitter_candidates: 8",
+            "strategy: bsdf, emitter_candidates: 3",
+            "environment: uniform, emitter_candidates: 5",
         ];
         for other in others {
-            assert_same_means(&format!("{depth}{other}"), &kind(other), &reference, 13);
+            assert_same_means(&format!("{depth}{other}"), &kind(other), &reference, 24);
         }
         if depth.starts_with("direct") {
-            assert_same_means("four lights a vertex", &kind("emitter_samples: 4"), &reference, 13);
+            assert_same_means("four lights a vertex", &kind("emitter_samples: 4"), &reference, 24);
+            assert_same_means("two of three each", &kind("emitter_samples: 2, emitter_candidates: 3"), &reference, 24);
         }
     }
 }
@@ -244,17 +252,36 @@ fn variance_layers_are_honest() {
     }
 }
 
-/// Noise at 64 samples under small bright windows, by default settings: relMSE x samples from pairs of seeds.
-///
-/// Independent samples have about 1. What is aimed at is .08, which this misses: it is .124.
-#[test]
-fn the_default_sampler_is_quiet() {
-    let map = windows(256, 128);
+/// A dim gradient and six small windows, 89 % of the light: largest over smallest luminance 1.4e5.
+fn gradient_and_windows(width: usize) -> EnvMap {
+    const WINDOWS: [[f64; 5]; 6] = [
+        [0.10, 0.13, 0.25, 0.32, 120.0],
+        [0.145, 0.175, 0.25, 0.32, 120.0],
+        [0.19, 0.22, 0.25, 0.32, 120.0],
+        [0.60, 0.61, 0.40, 0.45, 700.0],
+        [0.70, 0.71, 0.40, 0.45, 350.0],
+        [0.40, 0.42, 0.12, 0.16, 300.0],
+    ];
+    let height = width / 2;
+    let pixel = |index: usize| {
+        let [u, v] = [((index % width) as f64 + 0.5) / width as f64, ((index / width) as f64 + 0.5) / height as f64];
+        let is_inside = |[left, right, top, bottom, _]: &&[f64; 5]| (*left..*right).contains(&u) && (*top..*bottom).contains(&v);
+        match WINDOWS.iter().find(is_inside) {
+            Some([.., radiance]) => [1.1, 1.0, 0.8].map(|channel| (channel * radiance) as f32),
+            None => [0.8, 1.0, 1.3].map(|channel| (channel * (0.005 + 0.2475 * (1.0 + elementary::cos(PI * v)))) as f32),
+        }
+    };
+    EnvMap::new(Raster::new(width, height, (0..width * height).map(pixel).collect()))
+}
+
+/// relMSE x samples at 64 samples from two seeds, over the pixels that the sphere covers.
+fn noise(map: &EnvMap, integrator: &str) -> f64 {
     let text = SPHERE.replace("SAMPLER", "{ sobol: { samples_per_pixel: 64 } }").replace("[16, 16]", "[64, 64]");
-    let (a, b) = (pixels(&text, Some(&map), 1), pixels(&text, Some(&map), 2));
-    let truth = supersampled(&map, 64);
-    let terms: Vec<f64> = (0..truth.len())
-        .filter(|place| truth[*place].is_some())
+    let text = text.replace("{ direct: {} }", integrator);
+    let (a, b) = (pixels(&text, Some(map), 1), pixels(&text, Some(map), 2));
+    let truth = supersampled(map, 64);
+    let covered = (0..truth.len()).filter(|place| truth[*place].is_some());
+    let terms: Vec<f64> = covered
         .flat_map(|place| {
             let (a, b) = (a[place], b[place]);
             (0..3).map(move |k| {
@@ -263,7 +290,15 @@ fn the_default_sampler_is_quiet() {
             })
         })
         .collect();
-    let noise = mean(&terms) * 64.0;
-    println!("relMSE x samples at 64: {noise:.4}");
-    assert!(noise < 0.15, "{noise}");
+    mean(&terms) * 64.0
+}
+
+/// By default settings; independent samples have about .75 on the first map.
+#[test]
+fn the_default_settings_are_quiet_under_small_windows() {
+    for (name, map, bound) in [("gradient", gradient_and_windows(512), 0.01), ("noise", windows(256, 128), 0.08)] {
+        let [best, single] = ["{ direct: {} }", "{ direct: { emitter_candidates: 1 } }"].map(|integrator| noise(&map, integrator));
+        println!("windows over {name}: relMSE x samples at 64 is {best:.4}, {single:.4} with one candidate");
+        assert!(best < bound && best < single, "{name}: {best}, {single}");
+    }
 }

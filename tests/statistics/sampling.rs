@@ -6,31 +6,18 @@ use std::f64::consts::PI;
 use pipeline::image::raster::Raster;
 use pipeline::light::distribution::{Distribution, Intensity, Settings, Sine};
 use pipeline::light::envmap::EnvMap;
-use pipeline::light::samples::Sample;
-use pipeline::light::sampling;
+use pipeline::light::points::{Arrangement, strata};
+use pipeline::light::samples::{Sample, SampleSet};
+use pipeline::light::sampling::{self, Draw, Placement};
+use pipeline::light::warp::WarpKind;
 use pipeline::math::elementary;
-use pipeline::math::statistics::{chi_square_test, chi_square_upper, mean, normal_cdf, sidak_level, standard_error};
+use pipeline::math::statistics::{chi_square_test, chi_square_upper, mean, normal_cdf, standard_error};
 use pipeline::math::stream::{Purpose, Stream};
 
-use crate::shared;
+use crate::shared::{self, Family};
 
 /// Tests of this module that can fail by chance; together they do so once in a thousand seeds.
-const TEST_COUNT: u32 = 17;
-
-fn level() -> f64 {
-    sidak_level(0.001, TEST_COUNT)
-}
-
-#[track_caller]
-fn assert_plausible(what: &str, p_value: f64) {
-    assert!(p_value > level(), "{what}: p = {p_value:e}, level {:e}", level());
-}
-
-/// Controls must be refused by far: a millionth of the level, so that they are not a matter of the seed.
-#[track_caller]
-fn assert_refused(what: &str, p_value: f64) {
-    assert!(p_value < 1e-6 * level(), "{what} was not noticed: p = {p_value:e}");
-}
+const TESTS: Family = Family(17);
 
 fn go() -> Result<(), Infallible> {
     Ok(())
@@ -71,6 +58,10 @@ fn pmf_by_definition(map: &EnvMap) -> Vec<f64> {
     weights.iter().map(|weight| weight / total).collect()
 }
 
+fn drawn(distribution: &Distribution, arrangement: Arrangement, count: usize, seed: u64) -> SampleSet {
+    sampling::draw(distribution, &Draw::of(arrangement, count, seed), go).unwrap()
+}
+
 /// The cell of a lat-long grid in which the sample's direction lies, from the direction alone.
 fn cell_of(sample: &Sample, width: usize, height: usize) -> usize {
     let theta = elementary::acos(sample.direction.y);
@@ -101,7 +92,7 @@ fn p_value(counts: &[u64], pmf: &[f64]) -> f64 {
 fn independent_directions_follow_the_map() {
     for (name, map) in maps() {
         let pmf = pmf_by_definition(&map);
-        assert_plausible(name, p_value(&counts(&table(&map, Sine::Center), 4), &pmf));
+        TESTS.assert_plausible(name, p_value(&counts(&table(&map, Sine::Center), 4), &pmf));
     }
 }
 
@@ -132,19 +123,19 @@ fn a_forgotten_sine_a_mirrored_map_and_one_percent_are_noticed() {
         let pmf = pmf_by_definition(&map);
         let right = counts(&table(&map, Sine::Center), 12);
 
-        assert_refused(&format!("{name}: no sine"), p_value(&counts(&table(&map, Sine::None), 4), &pmf));
-        assert_refused(&format!("{name}: sine of the edge"), p_value(&counts(&table(&map, Sine::Edge), 4), &pmf));
+        TESTS.assert_refused(&format!("{name}: no sine"), p_value(&counts(&table(&map, Sine::None), 4), &pmf));
+        TESTS.assert_refused(&format!("{name}: sine of the edge"), p_value(&counts(&table(&map, Sine::Edge), 4), &pmf));
         let mirrored: Vec<f64> = (0..width * height).map(|k| pmf[k - k % width + (width - 1 - k % width)]).collect();
-        assert_refused(&format!("{name}: mirrored"), p_value(&right, &mirrored));
+        TESTS.assert_refused(&format!("{name}: mirrored"), p_value(&right, &mirrored));
         let shifted: Vec<f64> = (0..width * height).map(|k| pmf[k - k % width + (k + 1) % width]).collect();
-        assert_refused(&format!("{name}: a pixel aside"), p_value(&right, &shifted));
+        TESTS.assert_refused(&format!("{name}: a pixel aside"), p_value(&right, &shifted));
         let larger: Vec<f64> = pmf.iter().map(|pmf| 1.01 * pmf).collect();
-        assert_refused(&format!("{name}: 1 % too large"), p_value(&right, &larger));
+        TESTS.assert_refused(&format!("{name}: 1 % too large"), p_value(&right, &larger));
         // One half 1 % up, the other down, and still a pmf.
         let tilted: Vec<f64> = pmf.iter().enumerate().map(|(k, pmf)| if k % 2 == 0 { 1.01 * pmf } else { 0.99 * pmf }).collect();
         let sum: f64 = tilted.iter().sum();
         let tilted: Vec<f64> = tilted.iter().map(|pmf| pmf / sum).collect();
-        assert_refused(&format!("{name}: 1 % to and fro"), p_value(&right, &tilted));
+        TESTS.assert_refused(&format!("{name}: 1 % to and fro"), p_value(&right, &tilted));
     }
 }
 
@@ -166,9 +157,9 @@ fn densities_measure_the_solid_angle_of_what_is_bright() {
         let samples = sampling::independent(&table(&map, Sine::Center), 4_000_000, 23, go).unwrap().samples;
         let measure = |sample: &Sample| if is_bright(cell_of(sample, width, height)) { 1.0 / sample.pdf } else { 0.0 };
         let measures: Vec<f64> = samples.iter().map(measure).collect();
-        assert_plausible(name, mean_p_value(&measures, bright));
+        TESTS.assert_plausible(name, mean_p_value(&measures, bright));
         let off: Vec<f64> = measures.iter().map(|measure| measure / 1.01).collect();
-        assert_refused(&format!("{name}: density 1 % off"), mean_p_value(&off, bright));
+        TESTS.assert_refused(&format!("{name}: density 1 % off"), mean_p_value(&off, bright));
     }
 }
 
@@ -182,11 +173,11 @@ fn uniform_directions_follow_solid_angle() {
     for sample in sampling::uniform(None, 4_000_000, 3, go).unwrap().samples {
         counts[cell_of(&sample, width, height)] += 1;
     }
-    assert_plausible("uniform", p_value(&counts, &pmf));
+    TESTS.assert_plausible("uniform", p_value(&counts, &pmf));
     let by_angle = vec![1.0 / (width * height) as f64; width * height];
-    assert_refused("uniform in theta", p_value(&counts, &by_angle));
+    TESTS.assert_refused("uniform in theta", p_value(&counts, &by_angle));
     let tilted: Vec<f64> = pmf.iter().enumerate().map(|(k, pmf)| pmf * if k % 2 == 0 { 1.01 } else { 0.99 }).collect();
-    assert_refused("1 % to and fro", p_value(&counts, &tilted));
+    TESTS.assert_refused("1 % to and fro", p_value(&counts, &tilted));
 }
 
 /// One test: cells in theta and phi about +z, of probability (cos² a - cos² b) / columns.
@@ -203,11 +194,11 @@ fn cosine_directions_follow_the_cosine() {
         let (x, y) = ((phi / (2.0 * PI) * width as f64) as usize, (theta / (PI / 2.0) * height as f64) as usize);
         counts[y.min(height - 1) * width + x.min(width - 1)] += 1;
     }
-    assert_plausible("cosine", p_value(&counts, &pmf));
+    TESTS.assert_plausible("cosine", p_value(&counts, &pmf));
     let uniform: Vec<f64> = (0..width * height).map(|k| (edge(k / width) - edge(k / width + 1)) / width as f64).collect();
-    assert_refused("uniform on the hemisphere", p_value(&counts, &uniform));
+    TESTS.assert_refused("uniform on the hemisphere", p_value(&counts, &uniform));
     let tilted: Vec<f64> = pmf.iter().enumerate().map(|(k, pmf)| pmf * if k % 2 == 0 { 1.01 } else { 0.99 }).collect();
-    assert_refused("1 % to and fro", p_value(&counts, &tilted));
+    TESTS.assert_refused("1 % to and fro", p_value(&counts, &tilted));
 }
 
 /// Six tests: rows as independent draws of which there are sqrt(N), and columns given their rows.
@@ -218,7 +209,7 @@ fn clustered_rows_follow_the_marginal_and_their_columns_the_conditional() {
         let pmf = pmf_by_definition(&map);
         let rows: Vec<f64> = pmf.chunks(width).map(|row| row.iter().sum()).collect();
         let side = 2_000;
-        let samples = sampling::rows_then_columns(&table(&map, Sine::Center), side * side, 5, go).unwrap().samples;
+        let samples = drawn(&table(&map, Sine::Center), Arrangement::RowsThenColumns, side * side, 5).samples;
 
         let mut row_counts = vec![0; height];
         let mut counts = vec![0; width * height];
@@ -226,9 +217,9 @@ fn clustered_rows_follow_the_marginal_and_their_columns_the_conditional() {
             row_counts[cluster[0].y as usize] += 1;
             cluster.iter().for_each(|sample| counts[cell_of(sample, width, height)] += 1);
         }
-        assert_plausible(&format!("{name}: rows"), p_value(&row_counts, &rows));
+        TESTS.assert_plausible(&format!("{name}: rows"), p_value(&row_counts, &rows));
         // As if all N were independent, the rows would be far too uneven: the wrong test refuses right samples.
-        assert_refused(&format!("{name}: clusters taken for independent draws"), p_value(&counts, &pmf));
+        TESTS.assert_refused(&format!("{name}: clusters taken for independent draws"), p_value(&counts, &pmf));
 
         let mut statistic = 0.0;
         let mut freedom = 0;
@@ -239,7 +230,7 @@ fn clustered_rows_follow_the_marginal_and_their_columns_the_conditional() {
             statistic += test.statistic;
             freedom += test.degrees_of_freedom;
         }
-        assert_plausible(&format!("{name}: columns"), chi_square_upper(statistic, freedom as f64));
+        TESTS.assert_plausible(&format!("{name}: columns"), chi_square_upper(statistic, freedom as f64));
     }
 }
 
@@ -247,10 +238,10 @@ fn clustered_rows_follow_the_marginal_and_their_columns_the_conditional() {
 fn stratified_points_fall_one_into_each_cell() {
     // On an even map whose pixels are the cells, each pixel is drawn exactly once.
     for count in [1, 12, 64, 97, 1000, 4096] {
-        let [rows, columns] = sampling::strata(count);
+        let [rows, columns] = strata(count);
         let map = EnvMap::new(Raster::filled(columns, rows, [1.0; 3]));
         for seed in 0..20 {
-            let samples = sampling::stratified(&table(&map, Sine::None), count, seed, go).unwrap().samples;
+            let samples = drawn(&table(&map, Sine::None), Arrangement::Stratified, count, seed).samples;
             let cells: Vec<usize> = samples.iter().map(|sample| sample.y as usize * columns + sample.x as usize).collect();
             assert_eq!(cells, (0..count).collect::<Vec<_>>());
         }
@@ -272,16 +263,16 @@ fn stratified_directions_follow_the_map_over_many_seeds() {
         let distribution = table(&map, Sine::Center);
         let mut counts = vec![0; map.width() * map.height()];
         for seed in 0..200_000 {
-            let samples = sampling::stratified(&distribution, count, seed, go).unwrap().samples;
+            let samples = drawn(&distribution, Arrangement::Stratified, count, seed).samples;
             let sample = &samples[seed as usize % count];
             counts[cell_of(sample, map.width(), map.height())] += 1;
         }
-        assert_plausible(name, p_value(&counts, &pmf_by_definition(&map)));
+        TESTS.assert_plausible(name, p_value(&counts, &pmf_by_definition(&map)));
     }
 }
 
 fn settings(sine: Sine, intensity: Intensity, clamp: Option<f32>) -> Settings {
-    Settings { sine, intensity, clamp }
+    Settings { sine, intensity, clamp, ..Settings::default() }
 }
 
 fn is_near(found: f64, expected: f64, digit: f64) -> bool {

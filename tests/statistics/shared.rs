@@ -1,9 +1,33 @@
-//! Maps of the shared folder, where there is one.
+//! What the modules share: levels of families of tests, and maps of the shared folder, where there is one.
 
 use std::path::PathBuf;
 
 use pipeline::image::raster::Raster;
 use pipeline::light::envmap::EnvMap;
+use pipeline::math::statistics::sidak_level;
+
+/// So many tests that can fail by chance; together they do so once in a thousand seeds (Šidák).
+#[derive(Debug, Clone, Copy)]
+pub struct Family(pub u32);
+
+impl Family {
+    /// The level of each.
+    pub fn level(self) -> f64 {
+        sidak_level(0.001, self.0)
+    }
+
+    /// What is right must not be unlikely.
+    #[track_caller]
+    pub fn assert_plausible(self, what: &str, p_value: f64) {
+        assert!(p_value > self.level(), "{what}: p = {p_value:e}, level {:e}", self.level());
+    }
+
+    /// Controls must be refused by far: a millionth of the level, so that they are not a matter of the seed.
+    #[track_caller]
+    pub fn assert_refused(self, what: &str, p_value: f64) {
+        assert!(p_value < 1e-6 * self.level(), "{what} was not noticed: p = {p_value:e}");
+    }
+}
 
 /// The map in that little-endian color PFM of `../shared/data/envmaps`; says so and gives `None` where it is absent.
 ///

@@ -156,11 +156,11 @@ fn a_hostile_manifest_is_shown_escaped() {
     space.pipeline("stages:\n  a: { synthesize: { name: gradient, width: 16 }, save: png }\n").summary(&[]);
     let text = String::from_utf8(space.read("outputs/p/manifest.json")).unwrap();
     let hostile = "x\\u001b[2J\\u202e";
-    space.write("kind.json", text.replace("\"kind\": \"synthesize\"", &format!("\"kind\": \"{hostile}\"")));
+    space.write("kind.json", text.replace("\"kind\":\"synthesize\"", &format!("\"kind\":\"{hostile}\"")));
     expect_escaped(&space, &["diff", "kind.json", "p"]);
     space.write("schema.json", text.replace("pipeline-manifest-1", hostile));
     expect_escaped(&space, &["verify", "schema.json"]);
-    space.write("stage.json", text.replace("\"stage\": \"a\"", &format!("\"stage\": \"{hostile}\"")));
+    space.write("stage.json", text.replace("\"stage\":\"a\"", &format!("\"stage\":\"{hostile}\"")));
     expect_escaped(&space, &["verify", "stage.json"]);
     space.write("spec.json", text.replace("gradient, width", &format!("{hostile}, width")));
     expect_escaped(&space, &["verify", "spec.json"]);

@@ -7,6 +7,7 @@ mod mistakes;
 mod photographs;
 mod provenance;
 mod reasons;
+mod render_options;
 mod rendering;
 mod reuse;
 mod space;

@@ -114,7 +114,7 @@ fn a_run_that_is_not_there_or_leads_out_of_its_folder_is_refused() {
     space.write("bad.json", "{ \"schema\": 1 }");
     space.run(&["verify", "bad.json"]).expect(2, &["is no manifest"]);
     let text = String::from_utf8(space.read("outputs/p/manifest.json")).unwrap();
-    space.write("evil.json", text.replace("\"path\": \"p.yaml\"", "\"path\": \"../../p.yaml\""));
+    space.write("evil.json", text.replace("\"path\":\"p.yaml\"", "\"path\":\"../../p.yaml\""));
     space.run(&["verify", "evil.json"]).expect(2, &["leads out of its folder"]);
 }
 

@@ -116,7 +116,7 @@ fn a_version_changed() {
     for path in space.files("outputs/p").iter().filter(|path| path.ends_with("manifest.json")) {
         let path = format!("outputs/p/{path}");
         let text = String::from_utf8(space.read(&path)).unwrap();
-        space.write(&path, text.replace("\"kind\": \"tone-map\",\n      \"version\": 1", "\"kind\": \"tone-map\",\n      \"version\": 0"));
+        space.write(&path, text.replace("\"kind\":\"tone-map\",\"version\":1", "\"kind\":\"tone-map\",\"version\":0"));
     }
     fs::remove_dir_all(space.path("outputs/.store")).unwrap();
     expect(&space, "ldr", &[], "run", "version 0 -> 1");

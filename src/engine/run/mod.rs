@@ -1,6 +1,7 @@
 //! One run from a checked graph to its manifest: plan, schedule, publish, record.
 
-pub mod unchanged;
+pub mod memory;
+mod restoration;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -16,6 +17,7 @@ use super::events::{Event, Failure, Listener};
 use super::freshness::{self, InputError, Plan};
 use super::graph::Graph;
 use super::history::History;
+use super::lines;
 use super::manifest::{
     JobEntry, Machine, Manifest, Measured, Outcome, Program, PublishedEntry, SCHEMA, ShortManifest, SpecEntry, Standing, Status,
     WarningEntry, result_id,
@@ -25,13 +27,13 @@ use super::publish::OutputFolder;
 use super::registry::Registry;
 use super::schedule::values::Shared;
 use super::schedule::{Finished, Ledger, Scheduler, Settings, World};
-use super::signature::{Signature, Signatures};
+use super::signature::Signatures;
 use super::store::committer::Committer;
 use super::store::folder::FolderStore;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::system::SystemError;
-use unchanged::Standstill;
+use memory::{Finished as Remembered, RECORDS, contents};
 
 /// Where a run reads and writes.
 #[derive(Debug, Clone)]
@@ -101,13 +103,11 @@ struct Known {
     signatures: Signatures,
 }
 
-const SIGNATURES: &str = "signatures";
-
 impl Known {
     fn load(places: &Places, graph: &Graph) -> Result<Self, SystemError> {
         let library = Arc::new(places.library()?);
         let index = Index::load(&library, &graph.pipeline);
-        let signatures = library.note(SIGNATURES).map(|text| Signatures::from_text(&text)).unwrap_or_default();
+        let signatures = Signatures::kept_in(&library);
         Ok(Self { library, index, signatures })
     }
 }
@@ -136,7 +136,7 @@ pub fn run(
     let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
     outputs.prepare()?;
     known.library.tidy();
-    unchanged::tell_damage(&graph, places, &known.library);
+    memory::tell_damage(&graph, places, &known.library);
     let standing = read_standing(&outputs.path());
     let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), settings, interrupted, listener);
     let (shared, finished) = finished;
@@ -167,7 +167,7 @@ fn execute(
 
 /// The latest manifest, as far as a next run needs it.
 fn read_standing(folder: &Path) -> Option<Standing> {
-    serde_json::from_slice(&fs::read(folder.join("manifest.json")).ok()?).ok()
+    Standing::from_text(&fs::read(folder.join("manifest.json")).ok()?)
 }
 
 /// After the jobs: removes what is no longer published, updates the caches, writes the manifest.
@@ -209,40 +209,42 @@ fn conclude(
         *measured.jobs.entry(entry.outcome.word().to_owned()).or_default() += 1;
     }
 
-    ledger.warnings.extend(known.library.take_notices().into_iter().map(|text| (String::new(), text)));
+    let notices = known.library.take_notices();
+    ledger.has_passing_warnings |= !notices.is_empty();
+    ledger.warnings.extend(notices.into_iter().map(|text| (String::new(), text)));
     let warnings = warning_entries(graph, &entries, std::mem::take(&mut ledger.warnings));
     let result_id = result_id(&entries, &ledger.published);
     let run_id = new_run_folder(outputs, clock)?;
     let changed_nothing = measured.files_written + removed == 0 && entries.iter().all(|entry| entry.outcome == Outcome::Hit);
     let results_of = standing.filter(|standing| changed_nothing && standing.stands_for(status, &result_id)).map(|standing| standing.run_id);
+    let manifest = Manifest {
+        schema: SCHEMA.into(),
+        pipeline: graph.pipeline.clone(),
+        run_id: run_id.clone(),
+        result_id,
+        status,
+        whole: graph.is_whole,
+        seed: graph.seed,
+        spec: spec_entries(graph),
+        overrides: graph.overrides.clone(),
+        jobs: entries,
+        published: ledger.published,
+        kept,
+        warnings: warnings.clone(),
+        program: Program::this(),
+        machine: Machine::this(),
+        measured: measured.clone(),
+    };
     match &results_of {
-        Some(earlier) => {
-            write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?;
-            let (jobs, published) = (entries.len() as u64, &ledger.published);
-            let found = Standstill { graph, outputs, published, run_id: earlier, result_id, jobs, warnings: &warnings };
-            unchanged::note(&found, places, &known.library, &mut known.signatures)?;
-        }
-        None => {
-            let manifest = Manifest {
-                schema: SCHEMA.into(),
-                pipeline: graph.pipeline.clone(),
-                run_id: run_id.clone(),
-                result_id,
-                status,
-                whole: graph.is_whole,
-                seed: graph.seed,
-                spec: spec_entries(graph),
-                overrides: graph.overrides.clone(),
-                jobs: entries,
-                published: ledger.published,
-                kept,
-                warnings: warnings.clone(),
-                program: Program::this(),
-                machine: Machine::this(),
-                measured: measured.clone(),
-            };
-            write_whole(outputs, &manifest)?;
-        }
+        Some(earlier) => write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?,
+        None => write_whole(outputs, &manifest)?,
+    }
+    let published = contents(&manifest.published, |path| ledger.publication_keys.get(path));
+    // What is said once is not for a note, and of a run whose store cannot be written none can be kept.
+    if let Some(published) = published.filter(|_| status == Status::Done && system_error.is_none() && !ledger.has_passing_warnings) {
+        let run_id = results_of.as_ref().unwrap_or(&run_id);
+        let found = Remembered { graph, jobs: &manifest.jobs, outputs, published, run_id, result_id, warnings: &warnings };
+        system_error = memory::note(&found, places, &known.library, &mut known.signatures).err();
     }
     for warning in &warnings {
         listener.notify(&Event::Warning { stage: warning.stage.clone(), message: warning.message.clone() });
@@ -268,13 +270,12 @@ fn remove_unedited(
 ) -> Result<u64, SystemError> {
     let mut removed = 0;
     for entry in files {
-        let Some((status, file)) = outputs.open(&entry.path) else { continue };
-        let known = signatures.known(&status);
-        let found = known.or_else(|| signatures.content_of_file(file).ok().map(|content| content.digest));
-        if found == Some(entry.sha256) {
+        let Some(found) = outputs.content_of(&entry.path, signatures) else { continue };
+        if found == entry.sha256 {
             outputs.remove(&entry.path)?;
             removed += 1;
         } else {
+            ledger.has_passing_warnings = true;
             let message = format!("`{}` is of an earlier run and has been changed since: it was left in place", entry.path);
             ledger.warnings.push((String::new(), message));
         }
@@ -286,13 +287,11 @@ fn remove_unedited(
 fn keep_caches(known: &mut Known, outputs: &OutputFolder, ledger: &mut Ledger, pipeline: &str) -> Result<(), SystemError> {
     let digests: BTreeMap<&str, Digest> = ledger.published.iter().map(|entry| (entry.path.as_str(), entry.sha256)).collect();
     for path in &ledger.written {
-        if let (Some((status, _)), Some(digest)) = (outputs.open(path), digests.get(path.as_str())) {
-            known.signatures.remember(Signature::of(&status), *digest);
+        if let (Some(signature), Some(digest)) = (outputs.signature(path), digests.get(path.as_str())) {
+            known.signatures.remember(signature, *digest);
         }
     }
-    if known.signatures.has_news() {
-        known.library.keep_note(SIGNATURES, &known.signatures.to_text())?;
-    }
+    known.signatures.keep_in(&known.library)?;
     let index = std::mem::take(&mut ledger.index);
     if index.is_within(&known.index) {
         return Ok(());
@@ -325,13 +324,22 @@ fn spec_entries(graph: &Graph) -> Vec<SpecEntry> {
 }
 
 fn write_whole(outputs: &OutputFolder, manifest: &Manifest) -> Result<(), SystemError> {
-    let text = format!("{}\n", serde_json::to_string_pretty(manifest).expect("a manifest is plain data"));
-    outputs.write(&run_path(&manifest.run_id), text.as_bytes())?;
+    let [(record, kept_record), (metadata, kept_metadata)] = RECORDS;
     for (path, text) in ro_crate::workflow_files(manifest) {
         outputs.write(&path, text.as_bytes())?;
     }
-    outputs.write(ro_crate::FILE_NAME, ro_crate::text(manifest).as_bytes())?;
-    outputs.write("manifest.json", text.as_bytes())
+    // Both are long where there are many jobs.
+    std::thread::scope(|scope| {
+        let metadata = scope.spawn(move || {
+            let text = ro_crate::text(manifest);
+            outputs.write(&run_file(&manifest.run_id, kept_metadata), text.as_bytes())?;
+            outputs.write(metadata, text.as_bytes())
+        });
+        let text = lines::text(manifest);
+        outputs.write(&run_file(&manifest.run_id, kept_record), &text)?;
+        metadata.join().expect("no thread panics while it writes a crate")?;
+        outputs.write(record, &text)
+    })
 }
 
 fn write_short(
@@ -351,12 +359,12 @@ fn write_short(
         results_of: results_of.to_owned(),
         measured: measured.clone(),
     };
-    let text = format!("{}\n", serde_json::to_string_pretty(&manifest).expect("a manifest is plain data"));
-    outputs.write(&run_path(run_id), text.as_bytes())
+    outputs.write(&run_file(run_id, "manifest.json"), &lines::text(&manifest))
 }
 
-fn run_path(run_id: &str) -> String {
-    format!("runs/{run_id}/manifest.json")
+/// A file of a run, below the pipeline's folder of outputs.
+fn run_file(run_id: &str, name: &str) -> String {
+    format!("runs/{run_id}/{name}")
 }
 
 /// Makes the folder of a run under a name that no other run has.
@@ -405,6 +413,9 @@ mod tests;
 
 #[cfg(test)]
 mod fault_tests;
+
+#[cfg(test)]
+mod memory_tests;
 
 #[cfg(test)]
 mod sharing_tests;

@@ -1,16 +1,18 @@
 //! Jobs that another run computes at the same time: waited for, overtaken, or left to it.
 //!
-//! A job that has run for [`SHORT`] is claimed; shorter ones never pay for a claim. A job that another run has claimed
+//! A job that has run for [`SHORT`] is claimed; shorter ones never pay for a claim. Of them, runs that see each other at work
+//! take each in an order of its own, and make their records seen sooner. A job that another run has claimed
 //! waits, while others go on, until its record is there or the claim is gone. If two runs began the same job at
 //! about the same time, the one that claims second gives it up. All of it rests on looks at the store every
 //! [`LOOK`]; nothing is ever refused, and at worst a job is computed twice.
 
+use std::hash::{BuildHasher, Hasher};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::Scheduler;
-use super::state::{Phase, Ready};
+use super::state::{Order, Phase, Ready};
 use crate::engine::digest::Digest;
 use crate::engine::events::Event;
 use crate::engine::freshness::is_whole;
@@ -20,6 +22,9 @@ use crate::engine::store::record::ResultRecord;
 
 /// A job that runs longer than this is claimed.
 const SHORT: Duration = Duration::from_millis(50);
+
+/// Time between two looks whether other runs are at work.
+const GLANCE_AROUND: Duration = Duration::from_millis(50);
 
 /// Time between two looks at the store for what others compute.
 const LOOK: Duration = Duration::from_millis(10);
@@ -117,8 +122,32 @@ impl Scheduler<'_> {
     fn make_ready_again(&mut self, job: usize) {
         let state = self.state_mut(job);
         state.phase = Phase::Ready;
-        let ready = Ready { priority: state.priority, job };
-        self.ready.push(ready);
+        let priority = state.priority;
+        self.push_ready(job, priority);
+    }
+
+    /// Puts a job among those that can start.
+    pub(super) fn push_ready(&mut self, job: usize, priority: f64) {
+        let place = self.order.place(job);
+        self.ready.push(Ready { priority, place, job });
+    }
+
+    /// Says that this run is at work, and looks from time to time whether others are: then they divide the jobs.
+    pub(super) fn look_around(&mut self) {
+        if self.looked_around.is_some_and(|moment| moment.elapsed() < GLANCE_AROUND) {
+            return;
+        }
+        // The first job makes the folder.
+        self.presence = self.presence.take().or_else(|| self.claims.come_in());
+        self.looked_around = Some(Instant::now());
+        let are_others = self.claims.are_others_at_work();
+        self.committer.share(are_others);
+        if are_others && self.order == Order::Graph {
+            self.order = Order::Own(std::hash::RandomState::new().build_hasher().finish());
+            for Ready { priority, job, .. } in std::mem::take(&mut self.ready) {
+                self.push_ready(job, priority);
+            }
+        }
     }
 
     /// Claims the jobs that turn out to take a while, and keeps the claims alive.

@@ -33,12 +33,12 @@ use super::freshness::{Plan, fill_inputs};
 use super::history::History;
 use super::manifest::{JobEntry, Outcome, PublishedEntry, Standing, job_name};
 use super::signature::Signatures;
-use super::store::claims::Claims;
+use super::store::claims::{Claim, Claims};
 use super::store::committer::Committer;
 use super::store::index::Index;
 use super::system::SystemError;
 use elsewhere::Flight;
-use state::{JobState, Ready};
+use state::{JobState, Order, Ready};
 use values::Shared;
 use worker::{PublishTask, Report, Task};
 
@@ -89,6 +89,10 @@ pub struct Scheduler<'l> {
     elsewhere: Vec<usize>,
     looked_elsewhere: Instant,
     claims: Claims,
+    /// Tells other runs that this one is at work.
+    presence: Option<Claim>,
+    looked_around: Option<Instant>,
+    order: Order,
 
     threads: Vec<std::thread::JoinHandle<()>>,
     tasks: Sender<Task>,
@@ -96,10 +100,13 @@ pub struct Scheduler<'l> {
     reports: Receiver<Report>,
     report_to: Sender<Report>,
     running: usize,
+    /// What tasks took lately.
+    usual_time: Duration,
     reserved: u64,
     is_stopping: bool,
     interrupted_at: Option<Instant>,
     settled_count: usize,
+    wanted_count: usize,
 
     ledger: Ledger,
 }
@@ -111,8 +118,12 @@ pub struct Ledger {
     pub failures: Vec<Failure>,
     /// Warnings with the stage's name.
     pub warnings: Vec<(String, String)>,
+    /// Whether some of them are of this run only, and would not be said again.
+    pub has_passing_warnings: bool,
     /// Files that the run stands behind.
     pub published: Vec<PublishedEntry>,
+    /// The names under which the store has the bytes of those files, by their path.
+    pub publication_keys: HashMap<String, Digest>,
     /// Those of them that it wrote.
     pub written: Vec<String>,
     /// Most memory that was taken at once, in bytes.
@@ -150,6 +161,7 @@ impl<'l> Scheduler<'l> {
         let jobs: Vec<_> =
             graph.jobs.iter().zip(plan.jobs).map(|(node, planned)| planned.map(|planned| JobState::new(graph, node, planned))).collect();
         let dependents = state::dependents(graph);
+        let wanted_count = jobs.iter().flatten().count();
         Self {
             jobs,
             dependents,
@@ -169,16 +181,21 @@ impl<'l> Scheduler<'l> {
             elsewhere: Vec::new(),
             looked_elsewhere: Instant::now(),
             claims,
+            presence: None,
+            looked_around: None,
+            order: Order::Graph,
             threads: Vec::new(),
             tasks,
             waiting_tasks: Arc::new(Mutex::new(waiting_tasks)),
             reports,
             report_to,
             running: 0,
+            usual_time: Duration::from_secs(1),
             reserved: 0,
             is_stopping: false,
             interrupted_at: None,
             settled_count: 0,
+            wanted_count,
             ledger: Ledger::default(),
         }
     }
@@ -189,6 +206,9 @@ impl<'l> Scheduler<'l> {
         while !self.is_over() {
             self.look_for_interrupt();
             self.look_elsewhere();
+            if self.running > 0 {
+                self.look_around();
+            }
             self.start_what_can();
             self.tend_claims();
             match self.reports.recv_timeout(GLANCE) {
@@ -230,7 +250,7 @@ impl<'l> Scheduler<'l> {
     }
 
     fn tell_finished(&mut self, job: usize, error: Option<Failure>) {
-        let total = self.jobs.iter().flatten().count();
+        let total = self.wanted_count;
         let entry = &self.state(job).entry;
         let ran = entry.measured.filter(|_| entry.outcome == Outcome::Ran);
         let event = Event::Finished {

@@ -57,12 +57,9 @@ impl Scheduler<'_> {
 
     /// Whether a published file has its bytes; tells if someone has changed it.
     pub(super) fn is_in_place(&mut self, path: &str, digest: Digest) -> bool {
-        let Some((status, file)) = self.shared.outputs.open(path) else { return false };
-        let known = self.signatures.known(&status);
-        let Some(found) = known.or_else(|| self.signatures.content_of_file(file).ok().map(|content| content.digest)) else {
-            return false;
-        };
+        let Some(found) = self.shared.outputs.content_of(path, self.signatures) else { return false };
         if found != digest && self.standing.and_then(|standing| standing.digest_of(path)) != Some(found) {
+            self.ledger.has_passing_warnings = true;
             self.ledger.warnings.push((String::new(), format!("`{path}` had been changed since it was published, and was replaced")));
         }
         found == digest
@@ -83,6 +80,7 @@ impl Scheduler<'_> {
         let wanted = &node.publications[publication];
         let name = result_name(graph, node, wanted.result);
         self.ledger.published.push(PublishedEntry { path: wanted.path.clone(), sha256: record.content.digest, job: name });
+        self.ledger.publication_keys.insert(wanted.path.clone(), record.key);
         self.ledger.index.add_publication(record);
         for warning in &record.warnings {
             self.warn(job, warning.clone());

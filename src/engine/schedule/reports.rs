@@ -13,6 +13,7 @@ const RERUN_LIMIT: u32 = 2;
 impl Scheduler<'_> {
     pub(super) fn take_in(&mut self, report: Report) {
         self.running -= 1;
+        self.usual_time = (self.usual_time * 3 + report.time) / 4;
         let job = report.job;
         match report.body {
             Body::Ran(result) => {
@@ -54,6 +55,7 @@ impl Scheduler<'_> {
         self.in_memory.push_back(job);
         if before.is_some_and(|before| output_entries(&before) != output_entries(&ran.record)) {
             let kind = self.shared.graph.stages[self.shared.graph.jobs[job].stage].kind;
+            self.ledger.has_passing_warnings = true;
             self.warn(job, format!("`{kind}` gave other bytes than before with the same key; its results cannot be relied upon"));
         }
         let prepared = self.settle_one(job, ran.record, Outcome::Ran, reason);

@@ -4,7 +4,7 @@
 //! before it is made ready (early cutoff).
 
 use super::Scheduler;
-use super::state::{self, Phase, Ready, critical_paths};
+use super::state::{self, Phase, critical_paths};
 use crate::engine::digest::Digest;
 use crate::engine::events::Event;
 use crate::engine::freshness::{HIT_REASON, fill_inputs, is_whole, output_entries};
@@ -22,6 +22,7 @@ impl Scheduler<'_> {
         self.listener.notify(&Event::Planned { jobs: wanted.len(), hits });
         if hits < wanted.len() {
             self.set_priorities();
+            self.look_around();
         }
         for &job in &wanted {
             let uses = self.dependents[job].len();
@@ -158,8 +159,8 @@ impl Scheduler<'_> {
         let state = self.state_mut(job);
         state.entry.reason = reason;
         state.phase = Phase::Ready;
-        let ready = Ready { priority: state.priority, job };
-        self.ready.push(ready);
+        let priority = state.priority;
+        self.push_ready(job, priority);
     }
 
     /// Notes the results of a job, publishes, and gives the jobs that now have all their inputs.

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::Scheduler;
 use super::elsewhere::Flight;
@@ -12,9 +13,17 @@ use crate::engine::events::Event;
 use crate::engine::files;
 use crate::engine::graph::InputNode;
 
+/// While tasks take less than this, more of them are handed out than there are threads.
+const TRIVIAL: Duration = Duration::from_millis(1);
+
+/// So many a thread.
+const AHEAD: usize = 8;
+
 impl Scheduler<'_> {
     pub(super) fn start_what_can(&mut self) {
-        while !self.is_stopping && self.running < self.settings.threads.get() {
+        // A thread that finds its next task waiting need not be woken for it, which takes longer than a trivial job.
+        let ahead = if self.usual_time < TRIVIAL { AHEAD } else { 1 };
+        while !self.is_stopping && self.running < ahead * self.settings.threads.get() {
             let is_started = if self.to_publish.is_empty() { self.start_next_job() } else { self.start_next_publication() };
             if !is_started {
                 return;
@@ -93,7 +102,7 @@ impl Scheduler<'_> {
         self.running += 1;
         self.reserved += reserved;
         self.ledger.memory_peak = self.ledger.memory_peak.max(self.reserved + self.shared.held());
-        if self.threads.len() < self.running {
+        if self.threads.len() < self.running.min(self.settings.threads.get()) {
             let (shared, tasks, reports) = (self.shared.clone(), self.waiting_tasks.clone(), self.report_to.clone());
             let name = format!("job-{}", self.threads.len());
             let thread = std::thread::Builder::new().name(name).spawn(move || work(&shared, &tasks, &reports));

@@ -103,18 +103,45 @@ impl JobState {
     }
 }
 
-/// A job that can start; the one on the longest path first, then the earlier one of the graph.
+/// A job that can start; the one on the longest path first, then by the order of this run.
 #[derive(Debug, Clone, Copy)]
 pub struct Ready {
     /// See [`JobState::priority`].
     pub priority: f64,
+    /// See [`Order::place`].
+    pub place: u64,
     /// Index of the job.
     pub job: usize,
 }
 
+/// In which order a run takes jobs that matter equally.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// As they stand in the graph.
+    Graph,
+    /// In an order of its own, so that runs at work at the same time do not all begin with the same job.
+    Own(u64),
+}
+
+impl Order {
+    /// The place of a job in that order.
+    pub fn place(self, job: usize) -> u64 {
+        match self {
+            Order::Graph => job as u64,
+            // The finalizer of splitmix64: every job gets another place.
+            Order::Own(number) => {
+                let mixed = (job as u64 ^ number).wrapping_add(0x9e37_79b9_7f4a_7c15);
+                let mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+                let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+                mixed ^ (mixed >> 31)
+            }
+        }
+    }
+}
+
 impl Ord for Ready {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.priority.total_cmp(&other.priority).then(other.job.cmp(&self.job))
+        self.priority.total_cmp(&other.priority).then(other.place.cmp(&self.place))
     }
 }
 
@@ -211,12 +238,26 @@ mod tests {
     use super::*;
 
     #[test]
+    fn runs_at_the_same_time_take_jobs_in_orders_of_their_own() {
+        let order = |number: u64| {
+            let mut jobs: Vec<usize> = (0..50).collect();
+            jobs.sort_by_key(|job| Order::Own(number).place(*job));
+            jobs
+        };
+        assert_ne!(order(1), order(2));
+        let mut all = order(1);
+        all.sort_unstable();
+        assert_eq!(all, (0..50).collect::<Vec<_>>());
+    }
+
+    #[test]
     fn the_dearest_chain_starts_first() {
         // 0 -> 1 -> 3 (1 + 5 + 1), 0 -> 2 -> 3 (1 + 1 + 1)
         let paths = critical_paths(&[1.0, 5.0, 1.0, 1.0], &[vec![1, 2], vec![3], vec![3], vec![]]);
         assert_eq!(paths, [7.0, 6.0, 2.0, 1.0]);
         let mut ready = std::collections::BinaryHeap::new();
-        ready.extend([Ready { priority: 2.0, job: 2 }, Ready { priority: 6.0, job: 1 }, Ready { priority: 6.0, job: 0 }]);
+        let entry = |priority: f64, job: usize| Ready { priority, place: Order::Graph.place(job), job };
+        ready.extend([entry(2.0, 2), entry(6.0, 1), entry(6.0, 0)]);
         let order: Vec<usize> = std::iter::from_fn(|| ready.pop()).map(|ready: Ready| ready.job).collect();
         assert_eq!(order, [0, 1, 2]);
     }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde_json::Value as Json;
 
@@ -78,6 +78,8 @@ pub struct FileToPublish {
 pub struct Report {
     /// Index of the job.
     pub job: usize,
+    /// How long the task took.
+    pub time: Duration,
     /// What came of it.
     pub body: Body,
 }
@@ -137,12 +139,13 @@ impl From<StageError> for Fault {
 pub fn work(shared: &Arc<Shared>, tasks: &Mutex<Receiver<Task>>, reports: &Sender<Report>) {
     loop {
         let task = tasks.lock().expect("no job thread panics while it waits").recv();
-        let report = match task {
-            Ok(Task::Run(task)) => Report { job: task.job, body: Body::Ran(guarded(|| run(shared, &task))) },
-            Ok(Task::Publish(task)) => Report { job: task.job, body: Body::Published(guarded(|| publish(shared, &task))) },
+        let start = Instant::now();
+        let (job, body) = match task {
+            Ok(Task::Run(task)) => (task.job, Body::Ran(guarded(|| run(shared, &task)))),
+            Ok(Task::Publish(task)) => (task.job, Body::Published(guarded(|| publish(shared, &task)))),
             Err(_) => return,
         };
-        if reports.send(report).is_err() {
+        if reports.send(Report { job, time: start.elapsed(), body }).is_err() {
             return;
         }
     }

@@ -24,6 +24,9 @@ pub const PATIENCE: Duration = Duration::from_secs(30);
 /// How often an owner renews its claims.
 pub const HEARTBEAT: Duration = Duration::from_secs(5);
 
+/// With this the name of a link begins that claims no job, but says that a run is at work.
+const PRESENCE: &str = "run-";
+
 /// The claims of a store, as one run sees them.
 #[derive(Debug)]
 pub struct Claims {
@@ -89,7 +92,10 @@ impl Claims {
 
     /// Says that this run computes that; `None` if another has said so, or if it cannot be said here.
     pub fn take(&self, key: &Digest) -> Option<Claim> {
-        let path = self.path(key);
+        self.take_path(self.path(key))
+    }
+
+    fn take_path(&self, path: PathBuf) -> Option<Claim> {
         let make = || files::link(&path, &self.text);
         let made = make().or_else(|error| match error.kind() {
             io::ErrorKind::NotFound => {
@@ -101,6 +107,21 @@ impl Claims {
             _ => Err(error),
         });
         made.is_ok().then(|| Claim { path, text: self.text.clone(), renewed: Instant::now() })
+    }
+
+    /// Says that this run is at work, so that others can divide the jobs with it; `None` if it cannot be said here.
+    pub fn come_in(&self) -> Option<Claim> {
+        self.take_path(self.folder.join(format!("{PRESENCE}{}", self.text)))
+    }
+
+    /// Whether another run is at work, as far as one can see.
+    pub fn are_others_at_work(&self) -> bool {
+        let Ok(entries) = files::list(&self.folder) else { return false };
+        let is_other = |name: &str| {
+            let text = name.strip_prefix(PRESENCE).filter(|text| *text != self.text);
+            text.and_then(Owner::parse).is_some_and(|(owner, _)| !owner.is_in_sight() || owner.is_alive())
+        };
+        entries.flatten().any(|entry| entry.file_name().to_str().is_some_and(is_other))
     }
 
     /// Removes the claims of processes that can be seen to be gone.
@@ -185,6 +206,20 @@ mod tests {
         drop(claim);
         assert_eq!(two.holder(&key), None);
         assert!(two.take(&key).is_some());
+    }
+
+    #[test]
+    fn runs_see_each_other_while_they_are_at_work() {
+        let (folder, one, two) = two_runs();
+        assert!(!one.are_others_at_work());
+        let presence = one.come_in();
+        assert!(presence.is_some() && !one.are_others_at_work() && two.are_others_at_work());
+        drop(presence);
+        assert!(!two.are_others_at_work());
+        let this = Owner::this_process().to_string();
+        let dead = format!("{PRESENCE}{}-1-0-host", this.rsplit_once('-').unwrap().0);
+        symlink("anything", folder.path().join("claims").join(dead)).unwrap();
+        assert!(!two.are_others_at_work(), "a dead one is not at work");
     }
 
     #[test]

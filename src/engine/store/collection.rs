@@ -10,12 +10,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::folder::{FolderStore, Layout};
 use super::inventory::{Entry, entries, entries_of};
 use super::library::Library;
 use super::objects::{Objects, Shelf};
+use super::runs::{Run, runs, surplus_folders};
 use crate::engine::digest::Digest;
 use crate::engine::files;
 use crate::engine::system::SystemError;
@@ -27,7 +28,8 @@ pub struct Policy {
     pub older_than: Option<Duration>,
     /// Those not used for longest go until so many bytes are left.
     pub max_bytes: Option<u64>,
-    /// What the last so many runs of each pipeline name stays; where nothing else is asked, all other results go.
+    /// What the last so many runs of each pipeline name stays; where nothing else is asked, all other results go. So do the
+    /// folders of other runs, if no limit of bytes is asked for, and only those of the age that is.
     pub keep_last: Option<usize>,
     /// What was written or used within this time stays, whatever else is asked.
     pub grace: Duration,
@@ -37,12 +39,6 @@ pub struct Policy {
 
 /// Objects that were set aside are kept for a look so long.
 const DAMAGED_AGE: Duration = Duration::from_secs(7 * 24 * 3600);
-
-/// So many of a pipeline's latest runs are looked at for what was used when.
-const RUNS_LOOKED_AT: usize = 16;
-
-/// Bytes of the time in a run's name: `20261122T064038Z`.
-const TIME_LENGTH: usize = 16;
 
 /// What went, or would go.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
@@ -57,6 +53,8 @@ pub struct Collected {
     pub notes: u64,
     /// Bytes of all that.
     pub bytes: u64,
+    /// Folders of runs, below the folder of outputs; their bytes are not counted.
+    pub runs: u64,
     /// Bytes that are left.
     pub bytes_left: u64,
     /// Records and blobs that would have gone but for the grace.
@@ -80,11 +78,15 @@ pub fn collect(store: &FolderStore, library: &Library, outputs: &Path, policy: &
     }
     let now = SystemTime::now();
     let runs = runs(outputs, policy, now);
+    let surplus = surplus_folders(outputs, policy, now);
     let mut world = World::survey(layout, library, &runs, policy, now)?;
     let mut collected = Collected::default();
     let going = world.choose(policy, &mut collected);
     world.remove(layout, &going, policy, &mut collected)?;
     collected.bytes_left = world.total.saturating_sub(collected.bytes);
+    for folder in surplus {
+        collected.runs += u64::from(policy.is_trial || remove(&folder)?);
+    }
     Ok(collected)
 }
 
@@ -102,72 +104,6 @@ fn lock(layout: &Layout) -> Result<Option<fs::File>, SystemError> {
         // A file system without locks: then at worst both remove the same.
         Ok(()) | Err(fs::TryLockError::Error(_)) => Ok(Some(folder)),
     }
-}
-
-/// What a run used.
-struct Run {
-    when: SystemTime,
-    /// Whether it is among the last ones, whose results stay.
-    is_kept: bool,
-    keys: BTreeSet<Digest>,
-    files: BTreeSet<Digest>,
-}
-
-/// What is read of a manifest; a short one has no jobs, but names the run that has them.
-#[derive(Deserialize)]
-struct ManifestPart {
-    #[serde(default)]
-    jobs: Vec<JobPart>,
-    #[serde(default)]
-    published: Vec<FilePart>,
-    #[serde(default)]
-    results_of: Option<String>,
-}
-
-#[derive(Deserialize)]
-struct JobPart {
-    key: Option<Digest>,
-}
-
-#[derive(Deserialize)]
-struct FilePart {
-    sha256: Digest,
-}
-
-/// The latest runs of every pipeline below the folder of outputs.
-fn runs(outputs: &Path, policy: &Policy, now: SystemTime) -> Vec<Run> {
-    let mut runs = Vec::new();
-    for pipeline in entries_of(outputs).unwrap_or_default() {
-        let folder = pipeline.path.join("runs");
-        let mut names = entries_of(&folder).unwrap_or_default();
-        // A run's name begins with its time, in seconds; the latest come first.
-        names.sort_by_key(|entry| std::cmp::Reverse((entry.name.get(..TIME_LENGTH).map(str::to_owned), entry.modified)));
-        for (index, entry) in names.iter().enumerate() {
-            let is_kept = index < policy.keep_last.unwrap_or(0);
-            let age = now.duration_since(entry.modified).unwrap_or_default();
-            let is_of_interest = is_kept || index < RUNS_LOOKED_AT || policy.older_than.is_some_and(|limit| age < limit);
-            if is_of_interest && let Some(run) = run(&folder, entry, is_kept) {
-                runs.push(run);
-            }
-        }
-    }
-    runs
-}
-
-fn run(folder: &Path, entry: &Entry, is_kept: bool) -> Option<Run> {
-    let read =
-        |name: &str| -> Option<ManifestPart> { serde_json::from_slice(&fs::read(folder.join(name).join("manifest.json")).ok()?).ok() };
-    let manifest = read(&entry.name)?;
-    let manifest = match &manifest.results_of {
-        Some(earlier) if !earlier.contains('/') => read(earlier)?,
-        _ => manifest,
-    };
-    Some(Run {
-        when: entry.modified,
-        is_kept,
-        keys: manifest.jobs.iter().filter_map(|job| job.key).collect(),
-        files: manifest.published.iter().map(|file| file.sha256).collect(),
-    })
 }
 
 /// All that collection looks at.
@@ -327,7 +263,11 @@ fn remove(path: &PathBuf) -> Result<bool, SystemError> {
 mod tests {
     use std::sync::Arc;
 
+    use rustix::io::Errno;
+
     use super::*;
+    use crate::engine::files::faults::{Fault, Faults};
+    use crate::engine::store::verification::verify;
     use crate::engine::trial::{Space, TrialJob, files_below, job};
 
     const DAY: Duration = Duration::from_secs(24 * 3600);
@@ -420,6 +360,27 @@ mod tests {
         age(&space, DAY);
         collected(&space, &Policy { keep_last: Some(1), max_bytes: Some(0), ..no_policy() });
         assert_eq!((space.ran(&chain("one")), space.ran(&chain("two"))), (0, 2));
+    }
+
+    #[test]
+    fn a_collection_that_is_cut_short_anywhere_leaves_no_record_without_its_blob() {
+        // From the n-th call on nothing can be removed, as after a kill.
+        for at in 1.. {
+            let space = Space::new();
+            space.run(&chain("x"));
+            let objects = Arc::new(space.places().folder_store().unwrap().for_inspection());
+            let library = Library::new(objects.clone());
+            let faults = Faults::below(&space.path("store"), at, true, Fault::Error(Errno::IO));
+            let collected = collect(&objects, &library, &space.path("outputs"), &Policy { max_bytes: Some(0), ..no_policy() });
+            let is_met = faults.count() >= at;
+            drop(faults);
+            let findings = verify(objects.layout(), &library).unwrap();
+            assert_eq!(findings.damage, [], "call {at}");
+            if !is_met {
+                assert!(collected.unwrap().records > 0);
+                return;
+            }
+        }
     }
 
     #[test]

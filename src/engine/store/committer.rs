@@ -1,11 +1,11 @@
 //! Makes results durable in groups: blobs, one sync, then the records that name them.
 //!
 //! A record never stands on disk before its bytes. Jobs do not wait for it: what is lost with the power is
-//! the last group, and its jobs run again.
+//! the last group, and its jobs run again. Between groups the committer sleeps, so that handing a record in wakes no one.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -16,9 +16,11 @@ use super::record::{Blob, PublicationRecord, ResultRecord};
 use crate::engine::digest::Digest;
 use crate::engine::system::SystemError;
 
-/// As many records, or as much time, make a group.
-const GROUP_COUNT: usize = 64;
+/// What comes within this time of the first record makes a group.
 const GROUP_TIME: Duration = Duration::from_millis(50);
+
+/// The same while other runs may be waiting to see the records.
+const SHARED_GROUP_TIME: Duration = Duration::from_millis(5);
 
 /// A record whose blobs are written but perhaps not durable.
 pub enum Commit {
@@ -50,6 +52,7 @@ pub struct Committer {
     sender: Sender<Message>,
     receiver: Option<Receiver<Message>>,
     is_hurried: Arc<AtomicBool>,
+    is_shared: Arc<AtomicBool>,
     thread: Option<JoinHandle<Result<(), SystemError>>>,
 }
 
@@ -68,7 +71,7 @@ impl Committer {
     /// A committer that has not started.
     pub fn new(library: Arc<Library>) -> Self {
         let (sender, receiver) = channel();
-        Self { library, sender, receiver: Some(receiver), is_hurried: Arc::default(), thread: None }
+        Self { library, sender, receiver: Some(receiver), is_hurried: Arc::default(), is_shared: Arc::default(), thread: None }
     }
 
     /// A way to hand records in.
@@ -81,14 +84,23 @@ impl Committer {
         if let Some(claim) = claim {
             // If the committer has failed, the claim goes at once.
             let _ = self.sender.send(Message::LetGo(claim));
+            // Another run may be waiting for it.
+            self.wake();
+        }
+    }
+
+    fn wake(&self) {
+        if let Some(thread) = &self.thread {
+            thread.thread().unpark();
         }
     }
 
     /// Starts the thread, if it has not started.
     pub fn start(&mut self) {
         let Some(receiver) = self.receiver.take() else { return };
-        let (library, is_hurried) = (self.library.clone(), self.is_hurried.clone());
-        let thread = std::thread::Builder::new().name("commit".into()).spawn(move || commit_groups(&library, &receiver, &is_hurried));
+        let (library, is_hurried, is_shared) = (self.library.clone(), self.is_hurried.clone(), self.is_shared.clone());
+        let commit = move || commit_groups(&library, &receiver, &is_hurried, &is_shared);
+        let thread = std::thread::Builder::new().name("commit".into()).spawn(commit);
         self.thread = Some(thread.expect("the system gives a thread"));
     }
 
@@ -96,6 +108,12 @@ impl Committer {
     /// within moments could cost a result.
     pub fn hurry(&self) {
         self.is_hurried.store(true, Ordering::Relaxed);
+        self.wake();
+    }
+
+    /// Whether other runs are to see records soon.
+    pub fn share(&self, is_shared: bool) {
+        self.is_shared.store(is_shared, Ordering::Relaxed);
     }
 
     /// Whether it has ended early, which only an error makes it do.
@@ -107,14 +125,20 @@ impl Committer {
     pub fn finish(mut self) -> Result<(), SystemError> {
         // If it has ended already, its error comes with the join.
         let _ = self.sender.send(Message::End);
+        self.wake();
         let thread = self.thread.take();
         thread.map_or(Ok(()), |thread| thread.join().expect("the committer does not panic"))
     }
 }
 
-fn commit_groups(library: &Library, receiver: &Receiver<Message>, is_hurried: &AtomicBool) -> Result<(), SystemError> {
+fn commit_groups(
+    library: &Library,
+    receiver: &Receiver<Message>,
+    is_hurried: &AtomicBool,
+    is_shared: &AtomicBool,
+) -> Result<(), SystemError> {
     loop {
-        let (group, claims, is_last) = next_group(receiver);
+        let (group, claims, is_last) = next_group(receiver, is_shared);
         commit_group(library, &group, is_hurried)?;
         drop(claims);
         if is_last {
@@ -124,23 +148,32 @@ fn commit_groups(library: &Library, receiver: &Receiver<Message>, is_hurried: &A
 }
 
 /// The next records with the claims on them, and whether there will be no more.
-fn next_group(receiver: &Receiver<Message>) -> (Vec<Commit>, Vec<Claim>, bool) {
+fn next_group(receiver: &Receiver<Message>, is_shared: &AtomicBool) -> (Vec<Commit>, Vec<Claim>, bool) {
     let (mut group, mut claims) = (Vec::new(), Vec::new());
-    match receiver.recv() {
-        Ok(Message::Commit(commit)) => group.push(commit),
-        Ok(Message::LetGo(claim)) => return (group, vec![claim], false),
-        Ok(Message::End) | Err(_) => return (group, claims, true),
-    }
-    let deadline = Instant::now() + GROUP_TIME;
-    while group.len() < GROUP_COUNT {
-        match receiver.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
-            Ok(Message::Commit(commit)) => group.push(commit),
-            Ok(Message::LetGo(claim)) => claims.push(claim),
-            Ok(Message::End) | Err(RecvTimeoutError::Disconnected) => return (group, claims, true),
-            Err(RecvTimeoutError::Timeout) => break,
+    let mut next = receiver.recv().ok();
+    let deadline = Instant::now() + if is_shared.load(Ordering::Relaxed) { SHARED_GROUP_TIME } else { GROUP_TIME };
+    loop {
+        match next {
+            Some(Message::Commit(commit)) => group.push(commit),
+            Some(Message::LetGo(claim)) => claims.push(claim),
+            Some(Message::End) | None => return (group, claims, true),
         }
+        next = match receiver.try_recv() {
+            Ok(message) => Some(message),
+            Err(TryRecvError::Disconnected) => None,
+            Err(TryRecvError::Empty) => {
+                let left = deadline.saturating_duration_since(Instant::now());
+                if left.is_zero() || !claims.is_empty() {
+                    return (group, claims, false);
+                }
+                std::thread::park_timeout(left);
+                match receiver.try_recv() {
+                    Ok(message) => Some(message),
+                    Err(_) => return (group, claims, false),
+                }
+            }
+        };
     }
-    (group, claims, false)
 }
 
 fn commit_group(library: &Library, group: &[Commit], is_hurried: &AtomicBool) -> Result<(), SystemError> {

@@ -376,6 +376,25 @@ mod tests {
     }
 
     #[test]
+    fn an_object_is_never_seen_half() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = FolderStore::at(folder.path());
+        let [one, two] = [vec![1; 400_000], vec![2; 400_000]];
+        put(&store, &one);
+        let is_over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                (0..100).for_each(|round| put(&store, if round % 2 == 0 { &two } else { &one }));
+                is_over.store(true, std::sync::atomic::Ordering::Relaxed);
+            });
+            while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
+                let found = get(&store).unwrap();
+                assert!(found == one || found == two, "{} bytes", found.len());
+            }
+        });
+    }
+
+    #[test]
     fn a_draft_that_is_not_kept_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let store = FolderStore::at(folder.path());

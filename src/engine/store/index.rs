@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::library::Library;
 use super::record::{Blob, OutputRecord, PublicationRecord, ResultRecord};
 use crate::engine::digest::Digest;
+use crate::engine::lines::line;
 use crate::engine::system::SystemError;
 
 /// Entries of earlier settings that are kept beside those of the present one.
@@ -67,7 +68,7 @@ impl Index {
             results: with_older(self.results, earlier.results).into_iter().map(result_row).collect(),
             publications: with_older(self.publications, earlier.publications).into_iter().map(publication_row).collect(),
         };
-        library.keep_note(&note_name(pipeline), &serde_json::to_string(&file).expect("an index is plain data"))
+        library.keep_note(&note_name(pipeline), &line(&file))
     }
 
     /// The result of a recipe, without the bytes that its record holds.

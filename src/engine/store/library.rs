@@ -14,6 +14,7 @@ use super::objects::{Draft, Objects, Shelf};
 use super::record::{Blob, Inline, Keyed, PublicationRecord, RECORD_VERSION, ResultRecord, seal, unseal};
 use crate::engine::artifact::{AnyArtifact, ArtifactKind};
 use crate::engine::digest::{Digest, HashingReader, HashingWriter, READ_SIZE};
+use crate::engine::lines::line;
 use crate::engine::system::SystemError;
 
 /// Results of fewer bytes stand in their record.
@@ -144,8 +145,7 @@ impl Library {
 
     /// Writes a record, in place of an earlier one.
     pub fn keep_record(&self, shelf: Shelf, record: &impl Keyed) -> Result<(), SystemError> {
-        let text = serde_json::to_string(record).expect("records are plain data");
-        self.keep_text(shelf, &record.key().to_string(), &seal(&text))
+        self.keep_text(shelf, &record.key().to_string(), &seal(&line(record)))
     }
 
     /// A cache by its name; `None` if it is not there or damaged, which is the same to its reader.
@@ -256,20 +256,23 @@ impl Library {
 
     /// Copies a blob's bytes, verified: on an error what was written so far must not be used.
     pub fn copy_blob(&self, blob: &Blob, out: &mut dyn Write) -> Result<(), CopyError> {
-        let mut reader = HashingReader::new(self.open(blob).map_err(CopyError::Lost)?);
-        let mut buffer = vec![0; READ_SIZE.min(blob.size.saturating_add(1) as usize)];
-        loop {
-            match reader.read(&mut buffer) {
-                Ok(0) => break,
-                Ok(count) => out.write_all(&buffer[..count]).map_err(CopyError::Target)?,
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(CopyError::Lost(self.unreadable(Shelf::Blobs, &blob.digest.to_string(), &error))),
-            }
+        match copied(self.open(blob).map_err(CopyError::Lost)?, blob, out).map_err(CopyError::Target)? {
+            Ok(true) => Ok(()),
+            Ok(false) => Err(CopyError::Lost(self.damaged_blob(blob, DISAGREES))),
+            Err(error) => Err(CopyError::Lost(self.unreadable(Shelf::Blobs, &blob.digest.to_string(), &error))),
         }
-        if reader.finish() != (blob.digest, blob.size) {
-            return Err(CopyError::Lost(self.damaged_blob(blob, DISAGREES)));
-        }
-        Ok(())
+    }
+
+    /// The same if the bytes are sound; false, with nothing said or set aside, if not. The error is the target's.
+    pub fn glance_at_blob(&self, blob: &Blob, out: &mut dyn Write) -> io::Result<bool> {
+        let copied = match &blob.inline {
+            Some(inline) => copied(inline.0.as_slice(), blob, out)?,
+            None => match self.objects.open(Shelf::Blobs, &blob.digest.to_string()) {
+                Ok(reader) => copied(reader.take(blob.size.saturating_add(1)), blob, out)?,
+                Err(_) => return Ok(false),
+            },
+        };
+        Ok(copied.unwrap_or(false))
     }
 
     fn open<'b>(&self, blob: &'b Blob) -> Result<Box<dyn Read + 'b>, Lost> {
@@ -327,6 +330,20 @@ fn is_of_the_object(error: &io::Error) -> bool {
     use io::ErrorKind::{InvalidData, InvalidInput, IsADirectory, NotADirectory, Other, PermissionDenied, UnexpectedEof};
     let is_odd = [Errno::LOOP, Errno::NXIO].iter().any(|odd| error.raw_os_error() == Some(odd.raw_os_error()));
     is_odd || matches!(error.kind(), InvalidData | InvalidInput | IsADirectory | NotADirectory | Other | PermissionDenied | UnexpectedEof)
+}
+
+/// Copies the bytes of a blob: whether they are its bytes, or why they cannot be read. The outer error is the target's.
+fn copied(reader: impl Read, blob: &Blob, out: &mut dyn Write) -> io::Result<io::Result<bool>> {
+    let mut reader = HashingReader::new(reader);
+    let mut buffer = vec![0; READ_SIZE.min(blob.size.saturating_add(1) as usize)];
+    loop {
+        match reader.read(&mut buffer) {
+            Ok(0) => return Ok(Ok(reader.finish() == (blob.digest, blob.size))),
+            Ok(count) => out.write_all(&buffer[..count])?,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Ok(Err(error)),
+        }
+    }
 }
 
 fn parse_record<T: Keyed>(text: &str) -> Option<T> {

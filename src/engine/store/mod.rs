@@ -4,7 +4,7 @@
 //! local one; `record` what a record says; `library` reads and writes blobs and records through the trait and
 //! trusts nothing that it reads; `committer` makes results durable in groups; `claims` says who is computing what, which
 //! saves work and decides nothing; `index` and the file of stat signatures are caches that can be rebuilt. `inventory`,
-//! `verification` and `collection` look after a store as a whole.
+//! `verification`, `collection` and `runs` look after a store as a whole.
 
 pub mod claims;
 pub mod collection;
@@ -15,4 +15,5 @@ pub mod inventory;
 pub mod library;
 pub mod objects;
 pub mod record;
+pub mod runs;
 pub mod verification;

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::image::raster::Image;
 use crate::light::envmap::{Angles, EnvMap, theta_of_row};
 use crate::light::lights::LightSet;
+use crate::light::relight::reflected::Weighted;
 use crate::light::relight::sphere::{self, Scanline};
 use crate::light::samples::{Frame, Sample, SampleSet};
 use crate::math::elementary;
@@ -66,6 +67,14 @@ pub enum RelightError {
         /// Width and height of the map that was given.
         map: [usize; 2],
     },
+    /// Probabilities of another map's pixels.
+    #[error("the distribution is of a map of `{}x{}`, `env` has `{}x{}`; set `env` to the map it was made of", drawn[0], drawn[1], map[0], map[1])]
+    OtherDistribution {
+        /// Width and height of the map of the distribution.
+        drawn: [usize; 2],
+        /// Width and height of the map that was given.
+        map: [usize; 2],
+    },
     /// Equation 5 divides by the probability of a pixel.
     #[error("`{estimator}` needs samples drawn from a map's pixels; use `pdf-weighted`, or draw from a distribution")]
     NoPixels {
@@ -113,32 +122,13 @@ impl WeightedDirections {
     /// # Panics
     /// If the samples are about a normal; see `turned`.
     pub fn of_samples(samples: &SampleSet, map: Option<&EnvMap>, estimator: SampleEstimator) -> Result<Self, RelightError> {
-        assert_eq!(samples.frame, Frame::World, "samples about a normal have no fixed direction");
-        check_sizes(samples, map)?;
-        let needs_pixels = matches!(estimator, SampleEstimator::NormalizedColor | SampleEstimator::NormalizedColorSine);
-        if needs_pixels && samples.map_width == 0 {
-            return Err(RelightError::NoPixels { estimator: estimator.name() });
-        }
-
-        let scale = 1.0 / samples.samples.len() as f64;
-        let angles = map.map_or(Angles::Center, |map| map.angles);
-        let mut skipped_count = 0;
-        let mut weighted = Vec::with_capacity(samples.samples.len());
-        for sample in &samples.samples {
-            let radiance = radiance_of(sample, samples, map)?;
-            let sine = || elementary::sin(theta_of_row(sample.y as usize, samples.map_height as usize, angles));
-            match weight(estimator, sample, radiance, sine) {
-                Some(weight) => weighted.push((sample.direction, weight.map(|channel| channel * scale))),
-                None => skipped_count += 1,
-            }
-        }
+        let (weighted, skipped_count) = weighted_samples(samples, map, estimator)?;
         Ok(Self { blocks: blocks(&weighted), skipped_count })
     }
 
     /// Lights, each weighted by its irradiance.
     pub fn of_lights(lights: &LightSet) -> Self {
-        let weighted: Vec<_> = lights.lights.iter().map(|light| (light.direction, light.irradiance)).collect();
-        Self { blocks: blocks(&weighted), skipped_count: 0 }
+        Self { blocks: blocks(&weighted_lights(lights)), skipped_count: 0 }
     }
 
     /// Irradiance on a surface with that unit normal: the sum of weight times cosine.
@@ -169,6 +159,45 @@ impl WeightedDirections {
         colors.truncate(line.normals.len());
         Ok(colors)
     }
+}
+
+/// Directions of samples in world space with their weights X / N, and how many were left out because their probability is 0.
+///
+/// # Errors
+/// See [`RelightError`].
+///
+/// # Panics
+/// If the samples are about a normal; see `turned`.
+pub fn weighted_samples(
+    samples: &SampleSet,
+    map: Option<&EnvMap>,
+    estimator: SampleEstimator,
+) -> Result<(Vec<Weighted>, usize), RelightError> {
+    assert_eq!(samples.frame, Frame::World, "samples about a normal have no fixed direction");
+    check_sizes(samples, map)?;
+    let needs_pixels = matches!(estimator, SampleEstimator::NormalizedColor | SampleEstimator::NormalizedColorSine);
+    if needs_pixels && samples.map_width == 0 {
+        return Err(RelightError::NoPixels { estimator: estimator.name() });
+    }
+
+    let scale = 1.0 / samples.samples.len() as f64;
+    let angles = map.map_or(Angles::Center, |map| map.angles);
+    let mut skipped_count = 0;
+    let mut weighted = Vec::with_capacity(samples.samples.len());
+    for sample in &samples.samples {
+        let radiance = radiance_of(sample, samples, map)?;
+        let sine = || elementary::sin(theta_of_row(sample.y as usize, samples.map_height as usize, angles));
+        match weight(estimator, sample, radiance, sine) {
+            Some(weight) => weighted.push((sample.direction, weight.map(|channel| channel * scale))),
+            None => skipped_count += 1,
+        }
+    }
+    Ok((weighted, skipped_count))
+}
+
+/// Directions of lights with their irradiances.
+pub fn weighted_lights(lights: &LightSet) -> Vec<Weighted> {
+    lights.lights.iter().map(|light| (light.direction, light.irradiance)).collect()
 }
 
 /// Radiance of a diffuse surface, (albedo / pi) E, in every channel.

@@ -39,7 +39,7 @@ pub fn memory(map_width: usize, size: usize) -> u64 {
 /// What `check` gives.
 pub fn relight<E: Send>(
     map: &EnvMap,
-    integrand: &Integrand,
+    integrand: &Integrand<'_>,
     size: usize,
     albedo: [f64; 3],
     check: impl Fn() -> Result<(), E> + Sync,
@@ -80,7 +80,7 @@ fn bands(size: usize) -> Vec<std::ops::Range<usize>> {
 fn add_map<E: Send>(
     lines: &mut [LitLine],
     map: &EnvMap,
-    integrand: &Integrand,
+    integrand: &Integrand<'_>,
     azimuths: &[[f64; 2]],
     check: &(impl Fn() -> Result<(), E> + Sync),
 ) -> Result<(), E> {
@@ -106,7 +106,7 @@ struct MapRow {
 }
 
 impl MapRow {
-    fn new(map: &EnvMap, integrand: &Integrand, azimuths: &[[f64; 2]], y: usize) -> Self {
+    fn new(map: &EnvMap, integrand: &Integrand<'_>, azimuths: &[[f64; 2]], y: usize) -> Self {
         let (sin_theta, cos_theta) = elementary::sin_cos(map.theta(y));
         let of_column = |(x, [cos_phi, sin_phi]): (usize, &[f64; 2])| -> Flux {
             let direction = [sin_theta * cos_phi, cos_theta, sin_theta * sin_phi];
@@ -195,7 +195,7 @@ mod tests {
     }
 
     /// Greatest difference between `relight` and the sum pixel by pixel, in units of the largest radiance.
-    fn error(map: &EnvMap, integrand: &Integrand, size: usize, columns: impl Iterator<Item = usize> + Clone) -> f64 {
+    fn error(map: &EnvMap, integrand: &Integrand<'_>, size: usize, columns: impl Iterator<Item = usize> + Clone) -> f64 {
         let mut lines: Vec<LitLine> = (0..size).map(|row| LitLine::new(Scanline::new(size, row), map)).collect();
         add_map(&mut lines, map, integrand, &azimuths(map), &|| Ok::<(), ()>(())).unwrap();
         let (mut error, mut largest) = (0.0_f64, 0.0_f64);

@@ -7,41 +7,47 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
+use crate::light::distribution::Distribution;
 use crate::light::envmap::{Angles, EnvMap, theta_of_row};
 use crate::light::relight::estimators::{SampleEstimator, color_direction, intensity};
 use crate::math::elementary;
 
 /// The color P X of a pixel that is summed over the lit pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Integrand(Kind);
+pub struct Integrand<'a> {
+    kind: Kind,
+    /// What is drawn from, where that is known: pixels out of its reach count for nothing.
+    reach: Option<&'a Distribution>,
+}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
     Radiance,
     EqualWeight { total: f64 },
+    EqualWeightAsDrawn,
     NormalizedColor,
     NormalizedColorSine,
 }
 
-impl Integrand {
+impl Integrand<'static> {
     /// Radiance times solid angle: the truth.
     pub fn radiance() -> Self {
-        Self(Kind::Radiance)
+        Self::under_any(Kind::Radiance)
     }
 
     /// What `equal-weight` tends to under P = I sin(theta) / T, sine at the row's center: P L.
     pub fn equal_weight(map: &EnvMap) -> Self {
-        Self(Kind::EqualWeight { total: total_intensity(map) })
+        Self::under_any(Kind::EqualWeight { total: total_intensity(map) })
     }
 
     /// What `normalized-color` tends to under any P: I (R, G, B) / |RGB|.
     pub fn normalized_color() -> Self {
-        Self(Kind::NormalizedColor)
+        Self::under_any(Kind::NormalizedColor)
     }
 
     /// What `normalized-color-sine` tends to under any P: I sin(theta) (R, G, B) / |RGB|.
     pub fn normalized_color_sine() -> Self {
-        Self(Kind::NormalizedColorSine)
+        Self::under_any(Kind::NormalizedColorSine)
     }
 
     /// What the estimator tends to when its samples are drawn by intensity.
@@ -54,10 +60,34 @@ impl Integrand {
         }
     }
 
+    fn under_any(kind: Kind) -> Self {
+        Self { kind, reach: None }
+    }
+}
+
+impl<'a> Integrand<'a> {
+    /// What the estimator tends to when its samples are drawn from that distribution of the map's pixels, at their centers.
+    ///
+    /// The truth for `pdf-weighted`, unless pixels that shine are out of reach.
+    pub fn drawn_from(estimator: SampleEstimator, distribution: &'a Distribution) -> Self {
+        let kind = match estimator {
+            SampleEstimator::EqualWeight => Kind::EqualWeightAsDrawn,
+            SampleEstimator::NormalizedColor => Kind::NormalizedColor,
+            SampleEstimator::NormalizedColorSine => Kind::NormalizedColorSine,
+            SampleEstimator::PdfWeighted => Kind::Radiance,
+        };
+        Self { kind, reach: Some(distribution) }
+    }
+
     /// The color of a pixel.
     pub(super) fn color(&self, map: &EnvMap, x: usize, y: usize) -> [f64; 3] {
         let radiance = map.raster.pixel(x, y).map(f64::from);
-        let (color, factor) = match self.0 {
+        let probability = self.reach.map(|distribution| distribution.pmf(x, y));
+        if probability == Some(0.0) {
+            return [0.0; 3];
+        }
+        let (color, factor) = match self.kind {
+            Kind::EqualWeightAsDrawn => (radiance, probability.expect("it is made with what it is drawn from")),
             Kind::Radiance => (radiance, map.solid_angle(y)),
             Kind::EqualWeight { total } => (radiance, intensity(radiance) * center_sine(map, y) / total),
             Kind::NormalizedColor => (color_direction(radiance), intensity(radiance)),
@@ -81,7 +111,7 @@ fn total_intensity(map: &EnvMap) -> f64 {
 }
 
 /// sum_k c_k (n . d_k)+ for one normal, pixel by pixel.
-pub fn irradiance_at(map: &EnvMap, integrand: &Integrand, normal: DVec3) -> [f64; 3] {
+pub fn irradiance_at(map: &EnvMap, integrand: &Integrand<'_>, normal: DVec3) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for y in 0..map.height() {
         for x in 0..map.width() {
@@ -175,6 +205,32 @@ mod tests {
                 assert!((found - variance).abs() < half_digit, "{strategy:?} {normal}: {found} instead of {variance}");
             }
         }
+    }
+
+    /// With the distribution that the closed forms assume, both ways of stating a limit agree; and what is out of reach is lost.
+    #[test]
+    fn limits_under_a_distribution_are_those_of_its_probabilities() {
+        use crate::light::distribution::{Intensity, Settings};
+        let map = crate::light::test_maps::noisy(32, 16);
+        let build = |is_compensated| {
+            let settings = Settings { intensity: Intensity::Mean, is_compensated, ..Settings::default() };
+            Distribution::build(&map, &settings, || Ok::<(), std::convert::Infallible>(())).unwrap()
+        };
+        let (plain, compensated) = (build(false), build(true));
+        let normal = DVec3::new(0.36, 0.48, 0.8);
+        let estimators = [
+            SampleEstimator::EqualWeight,
+            SampleEstimator::NormalizedColor,
+            SampleEstimator::NormalizedColorSine,
+            SampleEstimator::PdfWeighted,
+        ];
+        for estimator in estimators {
+            let closed = irradiance_at(&map, &Integrand::of(estimator, &map), normal);
+            let found = irradiance_at(&map, &Integrand::drawn_from(estimator, &plain), normal);
+            assert!((0..3).all(|c| (found[c] / closed[c] - 1.0).abs() < 1e-6), "{estimator:?}: {found:?} {closed:?}");
+        }
+        let whole = irradiance_at(&map, &Integrand::radiance(), normal)[1];
+        assert!(irradiance_at(&map, &Integrand::drawn_from(SampleEstimator::PdfWeighted, &compensated), normal)[1] < 0.95 * whole);
     }
 
     #[test]

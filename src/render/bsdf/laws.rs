@@ -207,20 +207,21 @@ fn rough_metals_have_the_published_albedos() {
     }
 }
 
-/// Section 8 of the specification: reflected and transmitted energy, GGX with correlated masking.
+/// Reflected and transmitted energy, GGX with correlated masking: section 8 of the specification, but for the last
+/// value, .656 there. An integration over slopes in double precision that shares nothing with this code gives .65703.
 #[test]
 fn frosted_glass_has_the_published_energies() {
     let rows = [
         ("alpha: 0.1", 0.0, [0.9988, 0.9968, 0.9675]),
         ("alpha: 0.5", 0.0, [0.968, 0.931, 0.846]),
         ("alpha: 0.1", 180.0, [0.989, 0.970, 0.916]),
-        ("alpha: 0.5", 180.0, [0.754, 0.687, 0.656]),
+        ("alpha: 0.5", 180.0, [0.754, 0.687, 0.657]),
     ];
     for (parameters, behind, energies) in rows {
         for (degrees, expected) in [0.0_f64, 45.0, 75.0].into_iter().zip(energies) {
             let view = View::at_degrees(bsdf(&format!("rough-dielectric: {{ eta: 1.5, {parameters} }}")), (behind - degrees).abs());
-            // The specification gives three digits; its last value is the furthest off, by .0010.
-            assert_near(&format!("{parameters} at {degrees}"), view.directional_albedo(300, Transport::Energy).x, expected, 1.1e-3);
+            // The specification gives three digits.
+            assert_near(&format!("{parameters} at {degrees}"), view.directional_albedo(300, Transport::Energy).x, expected, 6e-4);
         }
     }
 }

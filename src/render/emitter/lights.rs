@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use crate::render::emitter::environment::{Density, Environment};
+use crate::render::emitter::environment::Environment;
 use crate::render::ray::{Ray, Surface};
 use crate::render::sampler::unit;
 use crate::render::shape::geometry::Geometry;
@@ -50,6 +50,7 @@ pub struct Lights {
     environment: Option<usize>,
     /// By shape: index of its light, or `NONE`.
     of_shape: Vec<u32>,
+    has_areas: bool,
 }
 
 const NONE: u32 = u32::MAX;
@@ -92,7 +93,8 @@ impl Lights {
                 of_shape[*shape as usize] = index as u32;
             }
         }
-        Self { sources, starts, environment, of_shape }
+        let has_areas = of_shape.iter().any(|light| *light != NONE);
+        Self { sources, starts, environment, of_shape, has_areas }
     }
 
     /// Whether there is none.
@@ -102,7 +104,7 @@ impl Lights {
 
     /// Whether a shape shines.
     pub fn has_areas(&self) -> bool {
-        self.of_shape.iter().any(|light| *light != NONE)
+        self.has_areas
     }
 
     /// The map around everything, if there is one.
@@ -116,11 +118,11 @@ impl Lights {
 
     /// Draws a light and a direction towards it; `None` where nothing comes from it.
     #[inline]
-    pub fn sample(&self, geometry: &Geometry, reference: Vec3, bits: [u32; 2], density: Density) -> Option<LightSample> {
+    pub fn sample(&self, geometry: &Geometry, reference: Vec3, bits: [u32; 2]) -> Option<LightSample> {
         let (light, probability, bits) = self.choose(bits)?;
         match &self.sources[light] {
             Source::Environment(environment) => {
-                let sample = environment.sample(bits, density)?;
+                let sample = environment.sample(bits)?;
                 let (direction, radiance) = (sample.direction, sample.radiance);
                 Some(LightSample { direction, radiance, pdf: sample.pdf * probability, is_delta: false, target: None })
             }
@@ -150,9 +152,9 @@ impl Lights {
 
     /// What the map shines from a direction, and the density of drawing that direction.
     #[inline]
-    pub fn environment_towards(&self, direction: Vec3, density: Density) -> Option<(Vec3, f32)> {
+    pub fn environment_towards(&self, direction: Vec3) -> Option<(Vec3, f32)> {
         let light = self.environment?;
-        let (radiance, pdf) = self.environment()?.radiance_and_pdf(direction, density);
+        let (radiance, pdf) = self.environment()?.radiance_and_pdf(direction);
         Some((radiance, pdf * self.probability(light)))
     }
 

@@ -4,12 +4,18 @@
 //! lobe with the roulette. Weights are the power heuristic in solid angle (Veach and Guibas 1995). The last allowed
 //! vertex still traces its scattered ray for emission, so both ways of finding light are there at every vertex;
 //! which is what a compensated density of the environment needs.
+//!
+//! Of several candidates towards lights one is chosen by what it would bring if nothing hid it, and only that one is
+//! tested for shadow: resampled importance sampling after Talbot, Cline, Egbert, "Importance resampling for global
+//! illumination" (EGSR 2005). Its estimate, the candidates' mean times the visibility of the chosen one, has the
+//! right mean for any weights of multiple importance sampling that sum to one at each direction; they count
+//! the candidates as so many draws.
 
 use glam::Vec3;
 
 use crate::render::bsdf::Transport;
 use crate::render::bsdf::shading::Shading;
-use crate::render::emitter::environment::Density;
+use crate::render::emitter::lights::LightSample;
 use crate::render::film::Background;
 use crate::render::integrator::Strategy;
 use crate::render::ray::{Ray, Surface};
@@ -19,8 +25,14 @@ use crate::render::texture::TexturePoint;
 
 /// Numbers of the camera: the place on the film, the place on the lens.
 pub const CAMERA_SETS: u32 = 2;
-/// Sets of a vertex.
+/// Sets of a vertex: the light, the direction of scattering, and choices.
 const VERTEX_SETS: u32 = 3;
+/// The direction of scattering among the sets of a vertex.
+const DIRECTION_SET: u32 = 1;
+/// Choices among the sets of a vertex: the lobe; the light of several, and whether the path goes on.
+const CHOICE_SET: u32 = 2;
+/// The largest number below 1.
+const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// How paths are traced.
 #[derive(Debug, Clone, Copy)]
@@ -31,10 +43,10 @@ pub struct Transporter {
     pub roulette_depth: u32,
     /// Which directions are tried.
     pub strategy: Strategy,
-    /// How the environment is drawn.
-    pub density: Density,
-    /// Draws of lights at a vertex.
+    /// Lights tested for shadow at a vertex.
     pub emitter_samples: u32,
+    /// Draws of which each of these is chosen.
+    pub emitter_candidates: u32,
     /// Largest channel of what is added after the first scattering.
     pub clamp_indirect: f32,
 }
@@ -52,6 +64,14 @@ pub struct FirstHit {
     pub depth: f32,
 }
 
+/// Light that may come to a vertex.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    light: LightSample,
+    /// What the draw adds if nothing hides it, its weight included.
+    brought: Vec3,
+}
+
 /// How the ray at hand was found, for the weight of the light that it hits.
 #[derive(Debug, Clone, Copy)]
 enum Origin {
@@ -67,8 +87,8 @@ impl Transporter {
         max_depth: 0,
         roulette_depth: 0,
         strategy: Strategy::Emitter,
-        density: Density::Uniform,
         emitter_samples: 1,
+        emitter_candidates: 1,
         clamp_indirect: f32::INFINITY,
     };
 
@@ -111,8 +131,8 @@ impl Transporter {
                 let direct = self.direct(scene, &surface, &shading, numbers, sets);
                 radiance += self.limited(throughput * direct, depth + 1);
             }
-            let choice = numbers.bits(sets + 2);
-            let Some(sample) = shading.sample(unit(choice[0]), numbers.pair(sets + 1), Transport::Radiance) else { break };
+            let choice = numbers.bits(sets + CHOICE_SET);
+            let Some(sample) = shading.sample(unit(choice[0]), numbers.pair(sets + DIRECTION_SET), Transport::Radiance) else { break };
             throughput *= sample.weight;
             eta_squared *= sample.eta * sample.eta;
             if depth >= self.roulette_depth {
@@ -136,35 +156,74 @@ impl Transporter {
         if scene.lights.is_empty() {
             return Vec3::ZERO;
         }
-        let count = self.emitter_samples;
-        let mut sum = Vec3::ZERO;
-        for index in 0..count {
-            let bits = if count == 1 { numbers.bits(sets) } else { numbers.bits_of_part(sets, index, count) };
-            sum += self.light_once(scene, surface, shading, bits);
-        }
-        sum / count as f32
+        let light_once = |part| {
+            let chosen = self.chosen(scene, surface, shading, numbers, sets, part)?;
+            let is_hidden = chosen.light.shadow_ray(surface).is_none_or(|ray| scene.geometry.is_occluded(&ray));
+            (!is_hidden).then_some(chosen.brought)
+        };
+        (0..self.emitter_samples).filter_map(light_once).sum::<Vec3>() / self.emitter_samples as f32
     }
 
-    fn light_once(&self, scene: &Scene, surface: &Surface, shading: &Shading, bits: [u32; 2]) -> Vec3 {
-        let Some(light) = scene.lights.sample(&scene.geometry, surface.position, bits, self.density) else { return Vec3::ZERO };
+    /// One of the candidates of a draw, by what it would bring if nothing hid it; what it brings counts for all.
+    #[inline]
+    fn chosen(
+        &self,
+        scene: &Scene,
+        surface: &Surface,
+        shading: &Shading,
+        numbers: &Numbers<'_>,
+        sets: u32,
+        part: u32,
+    ) -> Option<Candidate> {
+        let (count, draws) = (self.emitter_candidates, self.draws());
+        if draws == 1 {
+            return self.candidate(scene, surface, shading, numbers.bits(sets));
+        }
+        let mut choice = unit(numbers.bits_of_part(sets + CHOICE_SET, part, self.emitter_samples)[1]);
+        let mut chosen = None;
+        let mut total = 0.0;
+        for index in part * count..(part + 1) * count {
+            let Some(candidate) = self.candidate(scene, surface, shading, numbers.bits_of_part(sets, index, draws)) else { continue };
+            let share = candidate.brought.element_sum();
+            total += share;
+            let probability = share / total;
+            // What is left of the number chooses among the rest.
+            if choice < probability {
+                choice /= probability;
+                chosen = Some((candidate, share));
+            } else {
+                choice = ((choice - probability) / (1.0 - probability)).min(BELOW_ONE);
+            }
+        }
+        let (candidate, share) = chosen?;
+        Some(Candidate { brought: candidate.brought * (total / (share * count as f32)), ..candidate })
+    }
+
+    /// A draw of a light; `None` where it brings nothing, hidden or not.
+    #[inline]
+    fn candidate(&self, scene: &Scene, surface: &Surface, shading: &Shading, bits: [u32; 2]) -> Option<Candidate> {
+        let light = scene.lights.sample(&scene.geometry, surface.position, bits)?;
         let is_left_to_scattering = self.strategy == Strategy::Bsdf && !light.is_delta;
         if is_left_to_scattering || light.pdf <= 0.0 || light.radiance == Vec3::ZERO {
-            return Vec3::ZERO;
+            return None;
         }
         let (value, scattering_pdf) = shading.evaluate_with_pdf(light.direction, Transport::Radiance);
         if value == Vec3::ZERO {
-            return Vec3::ZERO;
-        }
-        let is_hidden = light.shadow_ray(surface).is_none_or(|ray| scene.geometry.is_occluded(&ray));
-        if is_hidden {
-            return Vec3::ZERO;
+            return None;
         }
         let weight = if light.is_delta || self.strategy == Strategy::Emitter {
             1.0
         } else {
-            power_heuristic(light.pdf * self.emitter_samples as f32, scattering_pdf)
+            power_heuristic(light.pdf * self.draws() as f32, scattering_pdf)
         };
-        value * light.radiance * (weight / light.pdf)
+        let brought = value * light.radiance * (weight / light.pdf);
+        (brought != Vec3::ZERO).then_some(Candidate { light, brought })
+    }
+
+    /// Draws of lights at a vertex.
+    #[inline]
+    pub fn draws(&self) -> u32 {
+        self.emitter_samples * self.emitter_candidates
     }
 
     /// What the environment adds to a ray that hits nothing.
@@ -173,7 +232,7 @@ impl Transporter {
             Origin::Unique => scene.lights.environment().map_or(Vec3::ZERO, |environment| environment.radiance(direction)),
             Origin::Scattered { .. } if self.strategy == Strategy::Emitter => Vec3::ZERO,
             Origin::Scattered { pdf, .. } => {
-                let Some((radiance, light_pdf)) = scene.lights.environment_towards(direction, self.density) else { return Vec3::ZERO };
+                let Some((radiance, light_pdf)) = scene.lights.environment_towards(direction) else { return Vec3::ZERO };
                 radiance * self.weight_of_hit(pdf, light_pdf)
             }
         }
@@ -195,7 +254,7 @@ impl Transporter {
         match self.strategy {
             Strategy::Bsdf => 1.0,
             Strategy::Emitter => 0.0,
-            Strategy::Mis => power_heuristic(scattering_pdf, light_pdf * self.emitter_samples as f32),
+            Strategy::Mis => power_heuristic(scattering_pdf, light_pdf * self.draws() as f32),
         }
     }
 

@@ -259,8 +259,7 @@ impl Values<'_> {
 }
 
 fn row_error(element: &Element, row: u64) -> impl Fn(String) -> ReadError {
-    let name = shown(&element.name);
-    move |problem| damaged(format!("element `{name}`, row {row}: {problem}"))
+    move |problem| damaged(format!("element `{}`, row {row}: {problem}", shown(&element.name)))
 }
 
 fn vertices(element: &Element, values: &mut Values<'_>, arrays: &mut Arrays) -> Result<(), ReadError> {

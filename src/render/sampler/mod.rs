@@ -14,6 +14,8 @@ use std::num::NonZeroU32;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::math::sobol::Scramble;
+use crate::math::stream::mixed;
 use crate::render::sampler::independent::Independent;
 use crate::render::sampler::sobol::Sobol;
 use crate::render::sampler::stratified::Stratified;
@@ -103,7 +105,7 @@ impl Sampler {
     pub fn pixel(&self, x: u32, y: u32, replicate: u32) -> PixelSampler {
         let place = (u64::from(x) << 32) | u64::from(y);
         let key = mixed(self.seed ^ mixed(place ^ mixed(u64::from(replicate) ^ 0x9e37_79b9_7f4a_7c15)));
-        let sets = std::array::from_fn(|set| sobol::Scramble::of(set_key(key, set as u32)));
+        let sets = std::array::from_fn(|set| Scramble::of(set_key(key, set as u32)));
         PixelSampler { kind: self.kind, key, sets }
     }
 }
@@ -116,7 +118,7 @@ const KEPT_SETS: usize = 8;
 pub struct PixelSampler {
     kind: SamplerKind,
     key: u64,
-    sets: [sobol::Scramble; KEPT_SETS],
+    sets: [Scramble; KEPT_SETS],
 }
 
 impl PixelSampler {
@@ -150,7 +152,7 @@ impl Numbers<'_> {
             SamplerKind::Stratified(grid) => grid.pair(key(), self.index),
             SamplerKind::Sobol => {
                 let kept = self.pixel.sets.get(set as usize).copied();
-                kept.unwrap_or_else(|| sobol::Scramble::of(key())).pair(self.state as u32)
+                kept.unwrap_or_else(|| Scramble::of(key())).pair(self.state as u32)
             }
         }
     }
@@ -186,15 +188,6 @@ pub fn unit(bits: u32) -> f32 {
 #[inline]
 fn set_key(key: u64, set: u32) -> u64 {
     mixed(key.wrapping_add(u64::from(set).wrapping_mul(0x9e37_79b9_7f4a_7c15)))
-}
-
-/// A bijection of 64 bits that spreads every bit over all (finalizer of SplitMix64, Steele et al. 2014).
-#[inline]
-pub(crate) fn mixed(bits: u64) -> u64 {
-    let mut z = bits.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }
 
 #[cfg(test)]

@@ -233,8 +233,8 @@ fn sources<E: Send>(
         match emitter {
             EmitterDescription::Environment(parameters) => {
                 let Some(map) = surroundings.env else { continue };
-                let EnvironmentParameters { strength, rotate_degrees } = *parameters;
-                let (environment, count) = Environment::new(map, strength, rotate_degrees, check).map_err(|error| match error {
+                let density = description.integrator.environment_density();
+                let (environment, count) = Environment::new(map, parameters, density, check).map_err(|error| match error {
                     EnvironmentError::NotFinite { x, y } => SceneError::Environment(EnvironmentError::NotFinite { x, y }),
                     EnvironmentError::Interrupted(error) => SceneError::Outside(error),
                 })?;

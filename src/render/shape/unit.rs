@@ -12,8 +12,8 @@ use std::f64::consts::PI;
 use glam::{DMat3, DVec3};
 
 use crate::math::elementary;
-use crate::math::single;
 use crate::math::sphere;
+use crate::math::turn;
 
 /// A shape of unit size about the origin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -122,17 +122,10 @@ pub fn point(unit: Unit, near: DVec3, face: u32) -> UnitPoint {
 /// Longitude from +x towards -z over 2 pi and height from the south pole over pi: to the right and up, seen from outside.
 fn sphere_point(position: DVec3) -> UnitPoint {
     let DVec3 { x, y, z } = position;
-    let turn = single::atan2(-z as f32, x as f32) * (0.5 / PI as f32);
     let sin_theta = (x * x + z * z).sqrt();
-    let v = single::atan2(sin_theta as f32, -y as f32) * (1.0 / PI as f32);
+    let uv = [turn::of_vector(x as f32, -z as f32), 2.0 * turn::of_vector(-y as f32, sin_theta as f32)];
     let dp_dv = if sin_theta > 0.0 { DVec3::new(-x * y / sin_theta, sin_theta, -z * y / sin_theta) * PI } else { DVec3::X * PI };
-    UnitPoint {
-        position,
-        normal: position,
-        uv: [if turn < 0.0 { turn + 1.0 } else { turn }, v],
-        dp_du: DVec3::new(z, 0.0, -x) * (2.0 * PI),
-        dp_dv,
-    }
+    UnitPoint { position, normal: position, uv, dp_du: DVec3::new(z, 0.0, -x) * (2.0 * PI), dp_dv }
 }
 
 /// Axes of u and v of each face, so that u × v is its normal and v is up on the four sides.
@@ -241,4 +234,28 @@ fn cone_spread(squared_distance: f64) -> Option<f64> {
     }
     let sin_squared = 1.0 / squared_distance;
     Some(sin_squared / (1.0 + (1.0 - sin_squared).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Longitude from +x towards -z over 2 pi, height from the south pole over pi, by the angles of double precision.
+    #[test]
+    fn texture_coordinates_of_a_sphere_are_its_longitude_and_height() {
+        for k in 0..20_000 {
+            let u = [f64::from(k % 200) / 200.0, (f64::from(k / 200) + 0.5) / 100.0];
+            let (sine, cosine) = elementary::sin_cos(2.0 * PI * u[0]);
+            let (sin_theta, cos_theta) = elementary::sin_cos(PI * u[1]);
+            let found = point(Unit::Sphere, DVec3::new(sin_theta * cosine, -cos_theta, -sin_theta * sine), 0).uv;
+            let across = (f64::from(found[0]) - u[0]).abs();
+            assert!(across.min(1.0 - across) < 2e-7 && (f64::from(found[1]) - u[1]).abs() < 3e-7, "{u:?}: {found:?}");
+        }
+        let uv = |x, y, z| point(Unit::Sphere, DVec3::new(x, y, z), 0).uv;
+        assert_eq!(
+            [uv(1.0, 0.0, 0.0), uv(0.0, 0.0, -1.0), uv(-1.0, 0.0, 0.0), uv(0.0, 0.0, 1.0)],
+            [0.0, 0.25, 0.5, 0.75].map(|u| [u, 0.5])
+        );
+        assert_eq!([uv(0.0, 1.0, 0.0), uv(0.0, -1.0, 0.0)], [[0.0, 1.0], [0.0, 0.0]]);
+    }
 }

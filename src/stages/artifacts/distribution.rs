@@ -20,7 +20,7 @@ impl Artifact for Distribution {
         encoder.count(self.width() as u64)?;
         encoder.count(self.height() as u64)?;
         encoder.byte(self.angles() as u8)?;
-        encoder.byte(u8::from(self.is_uniform()))?;
+        encoder.byte(u8::from(self.is_uniform()) | u8::from(self.is_compensated()) << 1)?;
         encoder.count(self.negative_count())?;
         encoder.doubles(self.factors())?;
         encoder.singles(self.intensities())?;
@@ -31,13 +31,17 @@ impl Artifact for Distribution {
         let mut decoder = Decoder::new(input, Self::TYPE, VERSION)?;
         let (width, height) = (decoder.count()?, decoder.count()?);
         let angles = angles_of(decoder.byte()?)?;
-        let is_uniform = decoder.byte()? != 0;
+        let flags = decoder.byte()?;
+        if flags > 3 {
+            return Err(invalid("unknown flags"));
+        }
+        let (is_uniform, is_compensated) = (flags & 1 != 0, flags & 2 != 0);
         let negative_count = decoder.count()? as u64;
         let pixel_count = width.checked_mul(height).ok_or_else(|| invalid("more pixels than memory can have"))?;
         let factors = decoder.doubles(height)?;
         let intensities = decoder.singles(pixel_count)?;
         decoder.finish()?;
-        let parts = Parts { width, height, angles, factors, intensities, negative_count, is_uniform };
+        let parts = Parts { width, height, angles, factors, intensities, negative_count, is_uniform, is_compensated };
         Distribution::from_parts(parts).ok_or_else(|| invalid("weights that are no distribution"))
     }
 
