@@ -316,7 +316,7 @@ def blender(folder, _):
         load()
         suns(f"its importer of {name}", irradiances, directions)
 
-    # Without interpolation Blender reads a lat-long map as we do: its +x is ours, and the way round is the same.
+    # Without interpolation Blender reads a lat-long map as we do, the same way round, but half a turn further.
     bpy.ops.wm.read_factory_settings(use_empty=True)
     world = bpy.context.scene.world = bpy.data.worlds.new("world")
     world.use_nodes = True
@@ -325,6 +325,7 @@ def blender(folder, _):
     texture.image = bpy.data.images.load(str(folder / "env.exr"))
     texture.image.colorspace_settings.name = "Non-Color"
     texture.interpolation = "Closest"
+    texture.texture_mapping.rotation[2] = math.pi
     output = next((node for node in nodes if node.type == "OUTPUT_WORLD"), None) or nodes.new("ShaderNodeOutputWorld")
     world.node_tree.links.new(texture.outputs["Color"], background.inputs["Color"])
     world.node_tree.links.new(background.outputs["Background"], output.inputs["Surface"])
