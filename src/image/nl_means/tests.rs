@@ -1,4 +1,5 @@
 use super::*;
+use crate::math::elementary;
 use crate::math::stream::{Purpose, Stream};
 
 fn settings() -> Settings {
@@ -41,14 +42,14 @@ fn by_definition(target: &Raster, guide: Guide<'_>, settings: Settings) -> Raste
     let pixel_distance = |[px, py]: [isize; 2], [qx, qy]: [isize; 2]| {
         let (up, uq) = (at(guide.color, px, py), at(guide.color, qx, qy));
         let (vp, vq) = (at(guide.variance, px, py), at(guide.variance, qx, qy));
-        let of = |c: usize| ((up[c] - uq[c]).powi(2) - (vp[c] + vp[c].min(vq[c]))) / (1e-10 + k_squared * (vp[c] + vq[c]));
+        let of = |c: usize| ((up[c] - uq[c]) * (up[c] - uq[c]) - (vp[c] + vp[c].min(vq[c]))) / (1e-10 + k_squared * (vp[c] + vq[c]));
         (of(0) + of(1) + of(2)) / 3.0
     };
     let square = |radius: isize| (-radius..=radius).flat_map(move |y| (-radius..=radius).map(move |x| [x, y]));
     let weight = |[px, py]: [isize; 2], [qx, qy]: [isize; 2]| {
         let radius = settings.patch_radius as isize;
         let sum: f64 = square(radius).map(|[x, y]| pixel_distance([px + x, py + y], [qx + x, qy + y])).sum();
-        (-(sum / square(radius).count() as f64).max(0.0)).exp()
+        elementary::exp(-(sum / square(radius).count() as f64).max(0.0))
     };
     let patchwise = settings.patchwise_radius() as isize;
     let pixel = |index: usize| {
