@@ -94,8 +94,8 @@ fn wrong_densities_are_noticed() {
         ("the other distribution", "rough-conductor: { metal: gold, alpha: 0.25, distribution: beckmann }", gold, 45.0),
         ("all normals for visible ones", "rough-conductor: { metal: gold, alpha: 0.25, sampling: all-normals }", gold, 45.0),
         (
-            "two percent of a narrow roughness",
-            "rough-conductor: { alpha: 0.0051, metal: gold }",
+            "half as rough again as alpha = 0.005",
+            "rough-conductor: { alpha: 0.0075, metal: gold }",
             "rough-conductor: { alpha: 0.005, metal: gold }",
             45.0,
         ),

@@ -6,6 +6,7 @@
 use std::convert::Infallible;
 use std::f64::consts::PI;
 
+use pipeline::image::filter::{Rows, resize_exactly};
 use pipeline::image::raster::Raster;
 use pipeline::light::envmap::EnvMap;
 use pipeline::light::relight::exact;
@@ -185,8 +186,13 @@ shapes: [{ sphere: {}, bsdf: { diffuse: { reflectance: 1 } } }]
 ";
 
 /// Averages 16 x 16 points of the exact sphere to a pixel; `None` where not all of them are on it.
+///
+/// The exact sphere has the light of a pixel of the map in its center, the renderer all over it, which makes percents where
+/// a window sets. So each pixel is laid out as 8 x 8 first.
 fn supersampled(map: &EnvMap, size: usize) -> Vec<Option<[f64; 3]>> {
     const FINE: usize = 16;
+    let finer = [8 * map.width(), 8 * map.height()];
+    let map = &EnvMap::new(resize_exactly(&map.raster, finer, Rows::Area, || Ok::<(), Infallible>(())).unwrap());
     let fine = exact::relight(map, &Integrand::radiance(), size * FINE, [1.0; 3], || Ok::<(), Infallible>(())).unwrap();
     let pixel = |place: usize| {
         let (x, y) = (place % size * FINE, place / size * FINE);
