@@ -74,7 +74,8 @@ const TILE: [usize; 2] = [128, 64];
 /// `target` with each pixel averaged over its window by the weights of `guide`, which may be the target itself.
 ///
 /// All rasters must have one size, finite values and variances of at least zero. Takes (2 r + 1)² steps of about ten
-/// operations a pixel, and a few more for twice the patch. `check` is asked for each tile and ends the work by its error.
+/// operations a pixel, and a few more for twice the patch. `check` is asked for each row of offsets of a tile (every 40 ms for the
+/// largest window) and ends the work by its error.
 pub fn filter<E: Send>(
     target: &Raster,
     guide: Guide<'_>,
@@ -89,9 +90,8 @@ pub fn filter<E: Send>(
         ([x, y], [TILE[0].min(width - x), TILE[1].min(height - y)])
     };
     let filtered = (0..across * height.div_ceil(TILE[1])).into_par_iter().map(|index| {
-        check()?;
         let (at, size) = place(index);
-        Ok(Tile::new(at, size, settings).filtered(&padded))
+        Tile::new(at, size, settings).filtered(&padded, &check)
     });
     let filtered: Vec<Vec<[f32; 3]>> = filtered.collect::<Result<_, E>>()?;
     let mut result = target.clone();

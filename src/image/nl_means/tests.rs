@@ -1,3 +1,5 @@
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use super::*;
 use crate::math::elementary;
 use crate::math::stream::{Purpose, Stream};
@@ -148,4 +150,8 @@ fn uncovered_pixels_neither_change_nor_lend() {
 fn an_error_of_the_check_ends_the_work() {
     let image = Raster::filled(3, 3, [1.0; 3]);
     assert_eq!(filter(&image, guide(&image, &image), settings(), || Err("stop")), Err("stop"));
+    // Also in the middle of a tile, whose window may be large.
+    let asked = AtomicUsize::new(0);
+    let third = || if asked.fetch_add(1, Ordering::Relaxed) < 2 { Ok(()) } else { Err("stop") };
+    assert_eq!(filter(&image, guide(&image, &image), settings(), third), Err("stop"));
 }

@@ -39,9 +39,13 @@ impl Tile {
     }
 
     /// The tile's pixels, row by row. Pixels that do not count stay as they are.
-    pub fn filtered(mut self, image: &Padded) -> Vec<[f32; 3]> {
+    ///
+    /// # Errors
+    /// What `check` gives, asked for each row of offsets.
+    pub fn filtered<E>(mut self, image: &Padded, check: &impl Fn() -> Result<(), E>) -> Result<Vec<[f32; 3]>, E> {
         let radius = self.settings.window_radius as isize;
         for dy in -radius..=radius {
+            check()?;
             for dx in -radius..=radius {
                 let offset = dy * image.width as isize + dx;
                 self.measure(image, offset);
@@ -51,7 +55,7 @@ impl Tile {
                 self.gather(image, offset);
             }
         }
-        self.finished(image)
+        Ok(self.finished(image))
     }
 
     /// Distances of each pixel from the one at the offset.
