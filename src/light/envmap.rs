@@ -107,6 +107,31 @@ impl EnvMap {
     }
 }
 
+/// A row of pixels on the sphere, without cancellation near the poles.
+#[derive(Debug, Clone, Copy)]
+pub struct Band {
+    /// 1 - |cos theta| at its upper edge; counted from the other pole below the equator.
+    pub top: f64,
+    /// The same at its lower edge.
+    pub bottom: f64,
+    /// Sign of cos theta.
+    pub side: f64,
+}
+
+impl Band {
+    /// Row `y` of a map of `height` rows from pole to pole.
+    pub fn of_row(y: usize, height: usize) -> Self {
+        // 1 - cos t = 2 sin²(t / 2). A row across the equator is counted from the upper pole.
+        let is_upper = 2 * y < height;
+        let depth = |edge: usize| {
+            let from_pole = if is_upper { edge } else { height - edge };
+            let sine = elementary::sin(0.5 * PI * from_pole as f64 / height as f64);
+            2.0 * sine * sine
+        };
+        Self { top: depth(y), bottom: depth(y + 1), side: if is_upper { 1.0 } else { -1.0 } }
+    }
+}
+
 /// Polar angle of row `y` of `height`, in radians from +y.
 pub fn theta_of_row(y: usize, height: usize, angles: Angles) -> f64 {
     match angles {

@@ -12,7 +12,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::light::distribution::{Distribution, Pixel, Placed};
-use crate::light::envmap::{self, Angles, EnvMap};
+use crate::light::envmap::{self, Angles, Band, EnvMap};
 use crate::light::points::{Arrangement, PointSet};
 use crate::light::samples::{Frame, Sample, SampleSet};
 use crate::light::warp::{Warp, WarpKind};
@@ -316,30 +316,6 @@ struct Angle {
     cos: f64,
     /// On the unit square.
     position: f64,
-}
-
-/// A row of pixels on the sphere.
-#[derive(Debug, Clone, Copy)]
-struct Band {
-    /// 1 - |cos theta| at its upper edge; counted from the other pole below the equator.
-    top: f64,
-    /// The same at its lower edge.
-    bottom: f64,
-    /// Sign of cos theta.
-    side: f64,
-}
-
-impl Band {
-    fn of_row(y: usize, height: usize) -> Self {
-        // 1 - cos t = 2 sin²(t / 2). A row across the equator is counted from the upper pole.
-        let is_upper = 2 * y < height;
-        let depth = |edge: usize| {
-            let from_pole = if is_upper { edge } else { height - edge };
-            let sine = elementary::sin(0.5 * PI * from_pole as f64 / height as f64);
-            2.0 * sine * sine
-        };
-        Self { top: depth(y), bottom: depth(y + 1), side: if is_upper { 1.0 } else { -1.0 } }
-    }
 }
 
 /// Cosine and sine of an angle in radians.

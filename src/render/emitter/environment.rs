@@ -16,8 +16,7 @@ use std::f64::consts::PI;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::light::envmap::{EnvMap, solid_angle_of_pixel};
-use crate::math::elementary;
+use crate::light::envmap::{self, EnvMap, solid_angle_of_pixel};
 use crate::math::single;
 use crate::math::turn;
 use crate::render::emitter::EnvironmentParameters;
@@ -144,7 +143,7 @@ impl Environment {
         let excess = |pixel: &Pixel| (pixel.luminance() - floor).max(0.0);
         let table = (density != Density::Uniform).then(|| Table::new(&mut pixels, &solid_angles, excess));
         let rotation = (rotate_degrees / 360.0).rem_euclid(1.0) as f32;
-        let bands = (0..height).map(|y| Band::of_row(y, height)).collect();
+        let bands = (0..height).map(|y| Band::from(envmap::Band::of_row(y, height))).collect();
         Ok((Self { width, height, pixels, rotation, bands, table, density, mean }, negative_count))
     }
 
@@ -256,16 +255,9 @@ fn uniform_sphere(point: [f32; 2]) -> Vec3 {
     Vec3::new(sine * x, y, sine * z)
 }
 
-impl Band {
-    fn of_row(y: usize, height: usize) -> Self {
-        // 1 - cos t = 2 sin²(t / 2); below the equator counted from the other pole.
-        let is_upper = 2 * y < height;
-        let depth = |edge: usize| {
-            let from_pole = if is_upper { edge } else { height - edge };
-            let sine = elementary::sin(0.5 * PI * from_pole as f64 / height as f64);
-            (2.0 * sine * sine) as f32
-        };
-        Self { top: depth(y), bottom: depth(y + 1), side: if is_upper { 1.0 } else { -1.0 } }
+impl From<envmap::Band> for Band {
+    fn from(band: envmap::Band) -> Self {
+        Self { top: band.top as f32, bottom: band.bottom as f32, side: band.side as f32 }
     }
 }
 
@@ -426,6 +418,7 @@ mod tests {
     use super::*;
     use crate::image::raster::Raster;
     use crate::light::test_maps;
+    use crate::math::elementary;
     use crate::math::statistics::chi_square_test;
     use crate::math::stream::{Purpose, Stream};
 
