@@ -120,8 +120,9 @@ fn push_definition(root: &Json, name: &str, schema: &Json, text: &mut String) ->
     for family in &families {
         writeln!(text, "\nOne of [{}](#{}).", title(family), anchor(&title(family))).expect("writing to a String");
     }
+    let has_own = schema.get("properties").is_some() || (choices.is_empty() && families.is_empty());
     met.extend(families);
-    if choices.is_empty() || schema.get("properties").is_some() {
+    if has_own {
         text.push('\n');
         push_entries(&entries(root, schema, Within::Elsewhere), text, &mut met);
     }
