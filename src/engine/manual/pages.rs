@@ -231,7 +231,7 @@ pub fn manifest_schema() -> Json {
 #[expect(dead_code, reason = "stands for its schema alone")]
 enum AnyManifest {
     Whole(Box<Manifest>),
-    Short(ShortManifest),
+    Short(Box<ShortManifest>),
 }
 
 /// The name of a definition as a heading: `RoughConductorParameters` is `Rough conductor`.
