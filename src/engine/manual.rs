@@ -15,7 +15,7 @@ use crate::catalogue::nearest;
 /// All kinds, one a line: name, what it gives, what it does.
 pub fn kinds(registry: &Registry) -> String {
     let rows: Vec<(&str, String, String)> =
-        registry.kinds().iter().map(|(name, kind)| (name, gives(kind), first_sentence(&kind.schema))).collect();
+        registry.kinds().iter().map(|(name, kind)| (name, gives(kind), first_sentence(kind.schema()))).collect();
     let name_width = rows.iter().map(|row| row.0.len()).max().unwrap_or(0);
     let gives_width = rows.iter().map(|row| row.1.chars().count()).max().unwrap_or(0);
     let lines = rows.iter().map(|(name, gives, about)| format!("{name:name_width$}  {gives:gives_width$}  {about}\n"));
@@ -29,12 +29,12 @@ pub fn kind(registry: &Registry, name: &str) -> Result<String, String> {
         return Err(format!("there is no kind {}{hint}", quoted(name)));
     };
     let mut text = format!("{}\n\n", kind.name);
-    if let Some(about) = description(&kind.schema) {
+    if let Some(about) = description(kind.schema()) {
         text += &format!("{}\n\n", indented(about, "  "));
     }
     text += &format!("Gives {}. Version {}.\n", gives(kind), kind.version);
     let mut parameters = String::new();
-    fields(&kind.schema, &kind.schema, 1, &mut parameters);
+    fields(kind.schema(), kind.schema(), 1, &mut parameters);
     if !parameters.is_empty() {
         text += &format!("\nParameters:\n{parameters}");
     }
@@ -230,7 +230,7 @@ fn stage_schema(registry: &Registry, kinds: Map<String, Json>) -> Json {
 
 /// Adds the schema of a kind, its own definitions under names that no other kind has.
 fn add_kind(name: &str, kind: &Kind, definitions: &mut Map<String, Json>) {
-    let mut schema = kind.schema.clone();
+    let mut schema = kind.schema().clone();
     let own = schema.as_object_mut().and_then(|schema| {
         schema.remove("$schema");
         schema.remove("definitions")

@@ -1,5 +1,7 @@
 //! The tables of a program: its stage kinds and its artifact types.
 
+use std::sync::OnceLock;
+
 use schemars::generate::SchemaSettings;
 use serde_json::Value as Json;
 
@@ -15,16 +17,22 @@ pub struct Kind {
     pub version: u32,
     /// Its results, the first one first.
     pub results: &'static [ResultDeclaration],
-    /// JSON Schema (draft-07) of its parameters, with references resolved by `definitions`.
-    pub schema: Json,
+    /// Made when it is asked for: a pipeline has few of all kinds.
+    schema: OnceLock<Json>,
+    make_schema: fn() -> Json,
     parse: fn(serde_yaml::Value) -> Result<Box<dyn AnyStage>, ParseError>,
 }
 
 impl Kind {
     /// The row of kind `T`.
     pub fn of<T: Stage>() -> Self {
-        let schema = SchemaSettings::draft07().into_generator().into_root_schema_for::<T>();
-        Self { name: T::KIND, version: T::VERSION, results: T::RESULTS, schema: schema.into(), parse: parse::<T> }
+        let make_schema = || SchemaSettings::draft07().into_generator().into_root_schema_for::<T>().into();
+        Self { name: T::KIND, version: T::VERSION, results: T::RESULTS, schema: OnceLock::new(), make_schema, parse: parse::<T> }
+    }
+
+    /// JSON Schema (draft-07) of its parameters, with references resolved by `definitions`.
+    pub fn schema(&self) -> &Json {
+        self.schema.get_or_init(self.make_schema)
     }
 
     /// Reads a parameter block.

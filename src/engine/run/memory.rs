@@ -100,6 +100,8 @@ pub struct Finished<'a> {
     pub published: Vec<FileContent>,
     /// The run that made them.
     pub run_id: &'a str,
+    /// What is in the records of that run, in the order of [`RECORDS`]; `None` if they are gone.
+    pub records: Option<[Digest; 2]>,
     /// See [`result_id`](crate::engine::manifest::result_id).
     pub result_id: Digest,
     /// What is said at each run.
@@ -112,13 +114,15 @@ pub fn note(found: &Finished<'_>, places: &Places, library: &Library, signatures
     if graph.has_warnings || graph.jobs.iter().any(|job| job.is_forced) {
         return Ok(());
     }
-    let (Some(basis), Some(text)) = (basis(found, signatures), graph.sources.first()) else { return Ok(()) };
+    let contents = line(&found.published);
+    let basis = basis(found, Digest::of(contents.as_bytes()), signatures);
+    let (Some(basis), Some(text)) = (basis, graph.sources.first()) else { return Ok(()) };
     let name = note_name(&graph.request, places, &Digest::of(text.text.as_bytes()));
-    library.keep_note(&contents_name(&name), &line(&found.published))?;
+    library.keep_note(&contents_name(&name), &contents)?;
     library.keep_note(&name, &line(&basis))
 }
 
-fn basis(found: &Finished<'_>, signatures: &mut Signatures) -> Option<Basis> {
+fn basis(found: &Finished<'_>, contents: Digest, signatures: &mut Signatures) -> Option<Basis> {
     let graph = found.graph;
     let texts = graph.sources.iter().map(|source| (graph.folder.join(&source.path), Digest::of(source.text.as_bytes())));
     let wanted = graph.jobs.iter().filter(|job| job.is_wanted).zip(found.jobs);
@@ -128,20 +132,21 @@ fn basis(found: &Finished<'_>, signatures: &mut Signatures) -> Option<Basis> {
     inputs.dedup();
     let sources = texts.chain(inputs).map(|(path, digest)| known_source(path, digest, signatures)).collect::<Option<_>>()?;
 
-    let folder = found.outputs.path().join("runs").join(found.run_id);
-    let records = RECORDS.iter().map(|(name, kept_as)| {
-        let digest = Digest::of(&fs::read(folder.join(kept_as)).ok()?);
-        Some(KnownRecord { name: (*name).to_owned(), kept_as: (*kept_as).to_owned(), digest, signature: None })
-    });
+    let record = |((name, kept_as), digest): ((&str, &str), Digest)| KnownRecord {
+        name: name.to_owned(),
+        kept_as: kept_as.to_owned(),
+        digest,
+        signature: None,
+    };
     let mut basis = Basis {
         program: this_program()?,
         request: graph.request.clone(),
         pipeline: graph.pipeline.clone(),
         is_whole: graph.is_whole,
         sources,
-        records: records.collect::<Option<_>>()?,
+        records: RECORDS.into_iter().zip(found.records?).map(record).collect(),
         published: by_folder(&found.published),
-        contents: Digest::of(line(&found.published).as_bytes()),
+        contents,
         run_id: found.run_id.to_owned(),
         result_id: found.result_id,
         jobs: found.jobs.len() as u64,
@@ -153,6 +158,13 @@ fn basis(found: &Finished<'_>, signatures: &mut Signatures) -> Option<Basis> {
 
 /// A text or an input with the signature by which its content is known, if it is.
 fn known_source(path: PathBuf, digest: Digest, signatures: &mut Signatures) -> Option<(PathBuf, Digest, Option<Signature>)> {
+/// What is in the records of an earlier run, in the order of [`RECORDS`]; `None` if they are gone.
+pub fn record_digests(outputs: &OutputFolder, run_id: &str) -> Option<[Digest; 2]> {
+    let digest = |kept_as: &str| Some(Digest::of(&fs::read(outputs.path().join(run_file(run_id, kept_as))).ok()?));
+    let [(_, record), (_, metadata)] = RECORDS;
+    Some([digest(record)?, digest(metadata)?])
+}
+
     let path = std::path::absolute(path).ok()?;
     let signature = Signature::of(&fs::metadata(&path).ok()?);
     let is_known = signatures.known_by(&signature) == Some(digest);

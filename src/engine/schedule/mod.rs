@@ -27,7 +27,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use super::digest::Digest;
+use super::digest::{Digest, DigestMap};
 use super::events::{Event, Failure, Listener};
 use super::freshness::{Plan, fill_inputs};
 use super::history::History;
@@ -36,6 +36,7 @@ use super::signature::Signatures;
 use super::store::claims::{Claim, Claims};
 use super::store::committer::Committer;
 use super::store::index::Index;
+use super::store::library::Library;
 use super::system::SystemError;
 use elsewhere::Flight;
 use state::{JobState, Order, Ready};
@@ -77,7 +78,7 @@ pub struct Scheduler<'l> {
     /// Wanted jobs that use a result of each job, each once.
     dependents: Vec<Vec<usize>>,
     /// Jobs that are ready, run or have run in this run, by key.
-    by_key: HashMap<Digest, usize>,
+    by_key: DigestMap<usize>,
     ready: BinaryHeap<Ready>,
     to_publish: VecDeque<PublishTask>,
     /// Jobs whose values are in memory, the oldest first.
@@ -133,6 +134,15 @@ pub struct Ledger {
 }
 
 /// What the world looked like before the run.
+impl Ledger {
+    /// Takes over what the store has to say, which is said once.
+    pub fn take_notices(&mut self, library: &Library) {
+        let notices = library.take_notices();
+        self.has_passing_warnings |= !notices.is_empty();
+        self.warnings.extend(notices.into_iter().map(|text| (String::new(), text)));
+    }
+}
+
 pub struct World<'l> {
     /// Earlier runs.
     pub history: History,
@@ -173,7 +183,7 @@ impl<'l> Scheduler<'l> {
             signatures: world.signatures,
             standing: world.standing,
             committer,
-            by_key: HashMap::new(),
+            by_key: DigestMap::default(),
             ready: BinaryHeap::new(),
             to_publish: VecDeque::new(),
             in_memory: VecDeque::new(),

@@ -81,7 +81,7 @@ struct World<'r, 'a> {
 impl<'r> World<'r, '_> {
     /// What the parameters of a kind must be.
     fn rules(&self, kind: &'r Kind) -> Rc<Rules<'r>> {
-        self.rules.borrow_mut().entry(kind.name).or_insert_with(|| Rc::new(Rules::new(kind.name, &kind.schema))).clone()
+        self.rules.borrow_mut().entry(kind.name).or_insert_with(|| Rc::new(Rules::new(kind.name, kind.schema()))).clone()
     }
 
     /// The name of a stage.

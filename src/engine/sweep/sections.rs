@@ -22,7 +22,7 @@ pub fn put_in(document: &mut Document<'_>, axes: &[Axis], sources: &mut Sources,
     for stage in &mut document.stages {
         let (Some(kind), Value::Map(entries)) = (stage.kind, &stage.parameters.value) else { continue };
         let put_in = |entry: &Entry| match &entry.node.value {
-            Value::Text(_) if is_section(&kind.schema, &entry.key) => {
+            Value::Text(_) if is_section(kind.schema(), &entry.key) => {
                 reader.section(&entry.node, &scope, &stage.name).map(|node| Entry { node, ..entry.clone() })
             }
             _ => Some(entry.clone()),
