@@ -14,6 +14,7 @@ use crate::engine::events::{Event, Failure, Listener};
 use crate::engine::graph::Graph;
 use crate::engine::manifest::Status;
 use crate::engine::registry::Registry;
+use crate::engine::request::Request;
 use crate::engine::run::{self, Places, RunError, Summary};
 use crate::engine::schedule::{Settings, panics};
 use crate::engine::sweep::build;
@@ -30,10 +31,10 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
     let (request, places) = (command.work.request(), command.work.places.places());
     // Who wants to hear of every job is told of every job.
     if command.events.is_none() && !manner.talk.verbose {
-        match run::memory::run(&request, &places, manner.settings()) {
+        match execute_from_memory(&request, &places, &manner, &interrupt, screen) {
             Ok(Some(summary)) => return conclude(manner.talk, command.format, &summary, &interrupt, screen),
             Ok(None) => {}
-            Err(error) => return refuse(&error.into(), command.format == PlanFormat::Json, screen),
+            Err(error) => return refuse(&error, command.format == PlanFormat::Json, screen),
         }
     }
     let registry = registry();
@@ -76,6 +77,22 @@ impl Manner {
     fn settings(&self) -> Settings {
         Settings { threads: self.machine.threads(), memory: self.machine.memory(), keep_going: self.keep_going, start_pool }
     }
+}
+
+/// What an earlier run is remembered for, if that is all there is to do.
+fn execute_from_memory(
+    request: &Request,
+    places: &Places,
+    manner: &Manner,
+    interrupt: &Interrupt,
+    screen: &Screen,
+) -> Result<Option<Summary>, RunError> {
+    let settings = manner.settings();
+    let progress = Progress::new(screen, manner.talk, settings.threads);
+    let mut listener = Listeners { interrupt: interrupt.clone(), progress, events: None };
+    let result = run::memory::run(request, places, settings, &interrupt.flag, &mut listener);
+    listener.progress.end();
+    Ok(result?)
 }
 
 /// Runs a graph with progress on the screen and events in a file.

@@ -12,12 +12,14 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
-use super::restoration::{self, Restored};
+use super::restoration::{self, Means, Restored};
 use super::{Clock, Places, Summary, new_run_folder, run_file, write_short};
 use crate::engine::digest::Digest;
+use crate::engine::events::{Event, Listener};
 use crate::engine::graph::Graph;
 use crate::engine::lines::line;
 use crate::engine::manifest::{JobEntry, Outcome, PublishedEntry, Status, WarningEntry};
@@ -98,10 +100,10 @@ pub struct Finished<'a> {
     pub outputs: &'a OutputFolder,
     /// All files that it stands behind, in order.
     pub published: Vec<FileContent>,
-    /// The run that made them.
-    pub run_id: &'a str,
     /// What is in the records of that run, in the order of [`RECORDS`]; `None` if they are gone.
     pub records: Option<[Digest; 2]>,
+    /// The run that made them.
+    pub run_id: &'a str,
     /// See [`result_id`](crate::engine::manifest::result_id).
     pub result_id: Digest,
     /// What is said at each run.
@@ -156,8 +158,6 @@ fn basis(found: &Finished<'_>, contents: Digest, signatures: &mut Signatures) ->
     Some(basis)
 }
 
-/// A text or an input with the signature by which its content is known, if it is.
-fn known_source(path: PathBuf, digest: Digest, signatures: &mut Signatures) -> Option<(PathBuf, Digest, Option<Signature>)> {
 /// What is in the records of an earlier run, in the order of [`RECORDS`]; `None` if they are gone.
 pub fn record_digests(outputs: &OutputFolder, run_id: &str) -> Option<[Digest; 2]> {
     let digest = |kept_as: &str| Some(Digest::of(&fs::read(outputs.path().join(run_file(run_id, kept_as))).ok()?));
@@ -165,6 +165,8 @@ pub fn record_digests(outputs: &OutputFolder, run_id: &str) -> Option<[Digest; 2
     Some([digest(record)?, digest(metadata)?])
 }
 
+/// A text or an input with the signature by which its content is known, if it is.
+fn known_source(path: PathBuf, digest: Digest, signatures: &mut Signatures) -> Option<(PathBuf, Digest, Option<Signature>)> {
     let path = std::path::absolute(path).ok()?;
     let signature = Signature::of(&fs::metadata(&path).ok()?);
     let is_known = signatures.known_by(&signature) == Some(digest);
@@ -192,7 +194,15 @@ pub fn tell_damage(graph: &Graph, places: &Places, library: &Library) {
 }
 
 /// The run that executes nothing, with its short manifest, if all that it rests on is as an earlier run has noted it.
-pub fn run(request: &Request, places: &Places, settings: Settings) -> Result<Option<Summary>, SystemError> {
+///
+/// If it is interrupted while it puts files back, there is no such run: the one that plans notes what is in place.
+pub fn run(
+    request: &Request,
+    places: &Places,
+    settings: Settings,
+    interrupted: &AtomicBool,
+    listener: &mut dyn Listener,
+) -> Result<Option<Summary>, SystemError> {
     let clock = Clock::start();
     // What is wrong with the store is told by the run, after what is wrong with the request.
     let Ok(library) = places.library() else { return Ok(None) };
@@ -209,7 +219,10 @@ pub fn run(request: &Request, places: &Places, settings: Settings) -> Result<Opt
         let contents = library.glance_at_note(&contents_name(&name)).filter(|text| Digest::of(text.as_bytes()) == basis.contents);
         let Some(contents) = contents.and_then(|text| serde_json::from_str::<Vec<FileContent>>(&text).ok()) else { return Ok(None) };
         let mut signatures = Signatures::kept_in(&library);
-        match restoration::restore(&basis, &contents, &odd, &outputs, &library, &mut signatures, settings.threads)? {
+        listener.notify(&Event::Planned { jobs: basis.jobs as usize, hits: basis.jobs as usize });
+        let mut means =
+            Means { outputs: &outputs, library: &library, signatures: &mut signatures, threads: settings.threads, interrupted, listener };
+        match restoration::restore(&basis, &contents, &odd, &mut means)? {
             Some(done) => restored = done,
             None => return Ok(None),
         }
