@@ -56,8 +56,9 @@ pub struct Settings {
     pub start_pool: fn(NonZeroUsize),
 }
 
-/// After an interrupt, running jobs have so long to end by themselves.
-const PATIENCE: Duration = Duration::from_millis(450);
+/// After an interrupt, running jobs have so long to end by themselves: five times what a stage may take between two looks
+/// at it. What is left of the second is for the manifest, and for a machine on which everything takes longer.
+const PATIENCE: Duration = Duration::from_millis(250);
 
 /// How often an interrupt is looked for while jobs run.
 const GLANCE: Duration = Duration::from_millis(20);
@@ -133,7 +134,6 @@ pub struct Ledger {
     pub index: Index,
 }
 
-/// What the world looked like before the run.
 impl Ledger {
     /// Takes over what the store has to say, which is said once.
     pub fn take_notices(&mut self, library: &Library) {
@@ -143,6 +143,7 @@ impl Ledger {
     }
 }
 
+/// What the world looked like before the run.
 pub struct World<'l> {
     /// Earlier runs.
     pub history: History,
