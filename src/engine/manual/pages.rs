@@ -10,7 +10,7 @@ use schemars::generate::SchemaSettings;
 use serde_json::Value as Json;
 
 use super::editor;
-use super::entries::{Entry, Within, about_and_example, description, entries, first_sentence, gives, has_fields};
+use super::entries::{Entry, Within, about_and_example, definition_name, description, entries, first_sentence, gives, has_fields};
 use crate::engine::manifest::{Manifest, ShortManifest};
 use crate::engine::registry::{Kind, Registry};
 use crate::engine::schema::{alternatives, expected, resolved};
@@ -120,8 +120,9 @@ fn push_definition(root: &Json, name: &str, schema: &Json, text: &mut String) ->
     for family in &families {
         writeln!(text, "\nOne of [{}](#{}).", title(family), anchor(&title(family))).expect("writing to a String");
     }
+    let has_own = schema.get("properties").is_some() || (choices.is_empty() && families.is_empty());
     met.extend(families);
-    if choices.is_empty() || schema.get("properties").is_some() {
+    if has_own {
         text.push('\n');
         push_entries(&entries(root, schema, Within::Elsewhere), text, &mut met);
     }
@@ -136,8 +137,7 @@ fn families_and_choices<'s>(root: &'s Json, schema: &'s Json) -> (Vec<String>, V
     let listed = ["anyOf", "oneOf"].iter().find_map(|key| schema.get(key)?.as_array()).into_iter().flatten();
     let (mut families, mut choices) = (Vec::new(), Vec::new());
     for choice in listed {
-        let name = choice.get("$ref").and_then(Json::as_str).and_then(|target| target.strip_prefix("#/definitions/"));
-        match name {
+        match definition_name(choice) {
             Some(name) if !alternatives(root, choice).is_empty() && has_fields(root, choice) => families.push(name.to_owned()),
             _ if alternatives(root, choice).is_empty() => choices.push(resolved(root, choice)),
             _ => choices.extend(alternatives(root, choice)),
@@ -230,8 +230,8 @@ pub fn manifest_schema() -> Json {
 #[serde(untagged)]
 #[expect(dead_code, reason = "stands for its schema alone")]
 enum AnyManifest {
-    Whole(Manifest),
-    Short(ShortManifest),
+    Whole(Box<Manifest>),
+    Short(Box<ShortManifest>),
 }
 
 /// The name of a definition as a heading: `RoughConductorParameters` is `Rough conductor`.
