@@ -63,7 +63,7 @@ pub struct Render {
 
 impl Stage for Render {
     const KIND: &'static str = "render";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const RESULTS: &'static [ResultDeclaration] =
         &[ResultDeclaration { name: "", types: &["image"] }, ResultDeclaration { name: "film", types: &["film"] }];
     type Output = (Image, Film);

@@ -9,7 +9,9 @@
 //! tested for shadow: resampled importance sampling after Talbot, Cline, Egbert, "Importance resampling for global
 //! illumination" (EGSR 2005). Its estimate, the candidates' mean times the visibility of the chosen one, has the
 //! right mean for any weights of multiple importance sampling that sum to one at each direction; they count
-//! the candidates as so many draws.
+//! the candidates as so many draws. Each channel of the color chooses by what the candidates bring to it, all by one
+//! number: so where nothing is hidden each is the candidates' mean, without the noise of the chosen one's color, and
+//! where lights differ in strength but not in color all three choose the same and cast one shadow ray.
 
 use glam::Vec3;
 
@@ -33,6 +35,8 @@ const DIRECTION_SET: u32 = 1;
 const CHOICE_SET: u32 = 2;
 /// The largest number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+/// Red, green and blue.
+const CHANNELS: usize = 3;
 
 /// How paths are traced.
 #[derive(Debug, Clone, Copy)]
@@ -70,6 +74,58 @@ struct Candidate {
     light: LightSample,
     /// What the draw adds if nothing hides it, its weight included.
     brought: Vec3,
+}
+
+/// The candidates of one draw, of which each channel keeps one.
+struct Choice {
+    /// Uniform on [0, 1), whatever was chosen before: what is left of the number chooses among the rest.
+    numbers: [f32; CHANNELS],
+    /// What all candidates bring together.
+    total: Vec3,
+    /// Of the candidates so far, the one that each channel keeps.
+    kept: [Option<LightSample>; CHANNELS],
+    /// The candidate's index, by which channels that keep the same know it.
+    indices: [u32; CHANNELS],
+}
+
+impl Choice {
+    fn new(number: f32) -> Self {
+        Self { numbers: [number; CHANNELS], total: Vec3::ZERO, kept: [None; CHANNELS], indices: [0; CHANNELS] }
+    }
+
+    /// One more candidate: a channel keeps it with the probability of its share in what has come so far.
+    #[inline]
+    fn add(&mut self, index: u32, candidate: &Candidate) {
+        self.total += candidate.brought;
+        for channel in 0..CHANNELS {
+            let number = &mut self.numbers[channel];
+            if candidate.brought[channel] <= 0.0 {
+                continue;
+            }
+            let probability = candidate.brought[channel] / self.total[channel];
+            // What is infinite is kept, so that the sample shows it and is counted.
+            if *number >= probability {
+                *number = ((*number - probability) / (1.0 - probability)).min(BELOW_ONE);
+            } else {
+                *number /= probability;
+                self.kept[channel] = Some(candidate.light);
+                self.indices[channel] = index;
+            }
+        }
+    }
+
+    /// What the candidates bring together to the channels whose kept one is not hidden.
+    #[inline]
+    fn seen(&self, is_seen: impl Fn(&LightSample) -> bool) -> Vec3 {
+        let mut seen = Vec3::ZERO;
+        for channel in 0..CHANNELS {
+            let Some(light) = &self.kept[channel] else { continue };
+            let same = (0..channel).find(|&other| self.kept[other].is_some() && self.indices[other] == self.indices[channel]);
+            let is_lit = same.map_or_else(|| is_seen(light), |other| seen[other] > 0.0);
+            seen[channel] = if is_lit { self.total[channel] } else { 0.0 };
+        }
+        seen
+    }
 }
 
 /// How the ray at hand was found, for the weight of the light that it hits.
@@ -156,47 +212,23 @@ impl Transporter {
         if scene.lights.is_empty() {
             return Vec3::ZERO;
         }
-        let light_once = |part| {
-            let chosen = self.chosen(scene, surface, shading, numbers, sets, part)?;
-            let is_hidden = chosen.light.shadow_ray(surface).is_none_or(|ray| scene.geometry.is_occluded(&ray));
-            (!is_hidden).then_some(chosen.brought)
-        };
-        (0..self.emitter_samples).filter_map(light_once).sum::<Vec3>() / self.emitter_samples as f32
-    }
-
-    /// One of the candidates of a draw, by what it would bring if nothing hid it; what it brings counts for all.
-    #[inline]
-    fn chosen(
-        &self,
-        scene: &Scene,
-        surface: &Surface,
-        shading: &Shading,
-        numbers: &Numbers<'_>,
-        sets: u32,
-        part: u32,
-    ) -> Option<Candidate> {
+        let is_seen = |light: &LightSample| light.shadow_ray(surface).is_some_and(|ray| !scene.geometry.is_occluded(&ray));
         let (count, draws) = (self.emitter_candidates, self.draws());
         if draws == 1 {
-            return self.candidate(scene, surface, shading, numbers.bits(sets));
+            let candidate = self.candidate(scene, surface, shading, numbers.bits(sets));
+            return candidate.filter(|candidate| is_seen(&candidate.light)).map_or(Vec3::ZERO, |candidate| candidate.brought);
         }
-        let mut choice = unit(numbers.bits_of_part(sets + CHOICE_SET, part, self.emitter_samples)[1]);
-        let mut chosen = None;
-        let mut total = 0.0;
-        for index in part * count..(part + 1) * count {
-            let Some(candidate) = self.candidate(scene, surface, shading, numbers.bits_of_part(sets, index, draws)) else { continue };
-            let share = candidate.brought.element_sum();
-            total += share;
-            let probability = share / total;
-            // What is left of the number chooses among the rest.
-            if choice < probability {
-                choice /= probability;
-                chosen = Some((candidate, share));
-            } else {
-                choice = ((choice - probability) / (1.0 - probability)).min(BELOW_ONE);
+        let mut sum = Vec3::ZERO;
+        for part in 0..self.emitter_samples {
+            let mut choice = Choice::new(unit(numbers.bits_of_part(sets + CHOICE_SET, part, self.emitter_samples)[1]));
+            for index in part * count..(part + 1) * count {
+                if let Some(candidate) = self.candidate(scene, surface, shading, numbers.bits_of_part(sets, index, draws)) {
+                    choice.add(index, &candidate);
+                }
             }
+            sum += choice.seen(is_seen);
         }
-        let (candidate, share) = chosen?;
-        Some(Candidate { brought: candidate.brought * (total / (share * count as f32)), ..candidate })
+        sum / draws as f32
     }
 
     /// A draw of a light; `None` where it brings nothing, hidden or not.
@@ -281,4 +313,65 @@ fn power_heuristic(a: f32, b: f32) -> f32 {
     }
     let ratio = b / a;
     1.0 / (1.0 + ratio * ratio)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    /// A candidate that brings this; its density tells which one it is.
+    fn candidate(index: usize, brought: Vec3) -> Candidate {
+        let light = LightSample { direction: Vec3::Z, radiance: Vec3::ONE, pdf: index as f32, is_delta: false, target: None };
+        Candidate { light, brought }
+    }
+
+    fn chosen(number: f32, brought: &[Vec3]) -> Choice {
+        let mut choice = Choice::new(number);
+        (0..).zip(brought).for_each(|(index, brought)| choice.add(index, &candidate(index as usize, *brought)));
+        choice
+    }
+
+    const COLORED: [Vec3; 4] = [Vec3::new(1.0, 0.0, 2.0), Vec3::new(3.0, 1.0, 0.0), Vec3::ZERO, Vec3::new(0.0, 5.0, 2.0)];
+
+    /// Over all numbers a channel sees the sum of what the candidates that are not hidden bring to it.
+    #[test]
+    fn each_channel_keeps_a_candidate_by_its_share() {
+        const NUMBERS: u32 = 40_000;
+        for hidden in 0..1_usize << COLORED.len() {
+            let is_seen = |index: usize| hidden >> index & 1 == 0;
+            let seen = |k: u32| chosen((k as f32 + 0.5) / NUMBERS as f32, &COLORED).seen(|light| is_seen(light.pdf as usize));
+            let mean = (0..NUMBERS).map(|k| seen(k).as_dvec3()).sum::<glam::DVec3>() / f64::from(NUMBERS);
+            let expected: Vec3 = (0..COLORED.len()).filter(|&index| is_seen(index)).map(|index| COLORED[index]).sum();
+            assert!((mean - expected.as_dvec3()).abs().max_element() < 1e-3, "{hidden:b}: {mean} {expected}");
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_hidden_the_choice_adds_no_noise() {
+        for k in 0..100 {
+            assert_eq!(chosen(k as f32 / 100.0, &COLORED).seen(|_| true), COLORED.into_iter().sum::<Vec3>());
+        }
+    }
+
+    #[test]
+    fn lights_of_one_color_are_asked_for_once() {
+        for k in 0..100 {
+            let asked = Cell::new(0);
+            let shades = [0.5, 2.0, 0.25, 8.0].map(|strength| Vec3::new(1.0, 0.5, 0.25) * strength);
+            chosen(k as f32 / 100.0, &shades).seen(|_| {
+                asked.set(asked.get() + 1);
+                true
+            });
+            assert_eq!(asked.get(), 1, "{k}");
+        }
+    }
+
+    #[test]
+    fn what_is_infinite_shows() {
+        let seen = |brought: &[Vec3]| chosen(0.5, brought).seen(|_| true).x;
+        assert_eq!(seen(&[Vec3::INFINITY, Vec3::ONE]), f32::INFINITY);
+        assert_eq!(seen(&[Vec3::MAX, Vec3::MAX]), f32::INFINITY);
+    }
 }

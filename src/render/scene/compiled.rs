@@ -165,7 +165,7 @@ impl Scene {
             background: description.film.background,
             sampler: description.sampler.compiled(surroundings.seed, description.samples_per_replicate()),
             kept: Kept::of(description),
-            integrator: description.integrator.compiled(),
+            integrator: description.integrator.compiled(surroundings.env.is_some()),
             geometry,
             lights,
             negative_count,
