@@ -27,7 +27,8 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
         return Ending::Refused;
     }
     let interrupt = Interrupt::listen();
-    let manner = Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk, view: command.show.view.clone() };
+    let manner =
+        Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk, view: command.show.view.clone() };
     let (request, places) = (command.work.request(), command.work.places.places());
     let finish = |summary: &Summary| {
         let ending = conclude(manner.talk, command.format, summary, &interrupt, screen);
@@ -68,7 +69,14 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
 }
 
 /// Makes the page of a run that was not interrupted; the run's own ending counts, if it was not a good one.
-pub fn with_report(ending: Ending, summary: &Summary, places: &Places, talk: TalkArguments, interrupt: &Interrupt, screen: &Screen) -> Ending {
+pub fn with_report(
+    ending: Ending,
+    summary: &Summary,
+    places: &Places,
+    talk: TalkArguments,
+    interrupt: &Interrupt,
+    screen: &Screen,
+) -> Ending {
     if summary.status == Status::Interrupted {
         return ending;
     }

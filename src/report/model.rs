@@ -282,7 +282,12 @@ impl Model {
         for ((label, group), previews) in all.iter().zip(&previews) {
             let first = shots.len();
             let axes = axes(group);
-            let made: Vec<Shot> = group.iter().zip(previews).enumerate().map(|(index, (entry, preview))| shot(first + index, entry, preview.as_ref(), results, links)).collect();
+            let made: Vec<Shot> = group
+                .iter()
+                .zip(previews)
+                .enumerate()
+                .map(|(index, (entry, preview))| shot(first + index, entry, preview.as_ref(), results, links))
+                .collect();
             for (entry, preview) in group.iter().zip(previews) {
                 match preview {
                     Some(_) => drop(needed.insert(entry.need())),
@@ -548,8 +553,12 @@ fn compared(job: &JobEntry) -> String {
 
 /// The reference of each image that a comparison measured.
 fn references(manifest: &Manifest, groups: &[(String, Vec<Entry<'_>>)]) -> BTreeMap<usize, usize> {
-    let ids: HashMap<String, usize> =
-        groups.iter().flat_map(|(_, group)| group).enumerate().map(|(id, entry)| (result_place(entry.entry, &entry.result.name), id)).collect();
+    let ids: HashMap<String, usize> = groups
+        .iter()
+        .flat_map(|(_, group)| group)
+        .enumerate()
+        .map(|(id, entry)| (result_place(entry.entry, &entry.result.name), id))
+        .collect();
     let on_port = |job: &JobEntry, name: &str| {
         let input = job.inputs.iter().find(|input| input.port == name)?;
         ids.get(&place_text(&input.stage, &input.coordinate)).copied()
@@ -632,7 +641,11 @@ fn jobs(manifest: &Manifest, results: &Results<'_>, links: &Links) -> Vec<Json> 
         add("warnings", json!(job.warnings), !job.warnings.is_empty());
         add("error", json!(job.error), job.error.is_some());
         let outputs = job.outputs.iter().map(|output| {
-            let files: Vec<Json> = results.files(job, &output.name).iter().map(|file| json!([file.path, links.of(&[file]).first().map(|link| &link[1])])).collect();
+            let files: Vec<Json> = results
+                .files(job, &output.name)
+                .iter()
+                .map(|file| json!([file.path, links.of(&[file]).first().map(|link| &link[1])]))
+                .collect();
             json!([output.name, output.type_name, output.sha256, output.bytes, files])
         });
         add("outputs", outputs.collect(), !job.outputs.is_empty());

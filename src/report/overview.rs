@@ -91,7 +91,10 @@ fn facts(manifest: &Manifest) -> Vec<[String; 2]> {
     let measured = &manifest.measured;
     let started = measured.started.replace('T', " ").replace('Z', " UTC");
     let program = format!("{} {} ({})", manifest.program.name, manifest.program.version, manifest.program.build);
-    let machine = format!("{} {}, {} threads of {}", manifest.machine.system, manifest.machine.architecture, measured.threads, manifest.machine.processors);
+    let machine = format!(
+        "{} {}, {} threads of {}",
+        manifest.machine.system, manifest.machine.architecture, measured.threads, manifest.machine.processors
+    );
     let mut facts = vec![
         ["started".into(), started],
         ["took".into(), seconds_text(measured.seconds)],
@@ -134,7 +137,9 @@ mod tests {
 
     #[test]
     fn times_are_written_for_people() {
-        for (seconds, text) in [(0.0, "0 s"), (2e-5, "20 µs"), (0.0123, "12.3 ms"), (1.309, "1.31 s"), (158.1, "2 min 38 s"), (7200.0, "2 h 00 min")] {
+        for (seconds, text) in
+            [(0.0, "0 s"), (2e-5, "20 µs"), (0.0123, "12.3 ms"), (1.309, "1.31 s"), (158.1, "2 min 38 s"), (7200.0, "2 h 00 min")]
+        {
             assert_eq!(seconds_text(seconds), text);
         }
         assert_eq!([percent_text(0.75), percent_text(0.0123)], ["75 %", "1.2 %"]);

@@ -55,7 +55,8 @@ mod tests {
     }
 
     fn unpacked(text: &str, count: usize) -> Vec<u32> {
-        let digits: Vec<u32> = text.bytes().filter_map(|byte| ALPHABET.iter().position(|digit| *digit == byte)).map(|at| at as u32).collect();
+        let digits: Vec<u32> =
+            text.bytes().filter_map(|byte| ALPHABET.iter().position(|digit| *digit == byte)).map(|at| at as u32).collect();
         let bits: Vec<u8> = digits.iter().flat_map(|digit| (0..6).rev().map(move |bit| (digit >> bit & 1) as u8)).collect();
         let packed: Vec<u8> = bits.chunks_exact(8).map(|byte| byte.iter().fold(0, |value, bit| value << 1 | bit)).collect();
         let mut bytes = miniz_oxide::inflate::decompress_to_vec_zlib(&packed).unwrap();

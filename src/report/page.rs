@@ -56,7 +56,9 @@ fn script() -> String {
 
 /// The scales of the program's own images, as text of hexadecimal colors.
 fn color_tables() -> String {
-    let table = |map: Colormap| (0..256).flat_map(|entry| map.color(f64::from(entry) / 255.0)).map(|code| format!("{code:02x}")).collect::<String>();
+    let table = |map: Colormap| {
+        (0..256).flat_map(|entry| map.color(f64::from(entry) / 255.0)).map(|code| format!("{code:02x}")).collect::<String>()
+    };
     format!("const COLORS = {{ viridis: \"{}\", magma: \"{}\" }};\n", table(Colormap::Viridis), table(Colormap::Magma))
 }
 

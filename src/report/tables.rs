@@ -66,7 +66,11 @@ pub fn shown(title: String, parts: &[(&Json, Table)]) -> Shown {
         let mut filled = rows.iter().map(|row| &row[column]).filter(|cell| **cell != Cell::Empty).peekable();
         filled.peek().is_some() && filled.all(|cell| cell.number().is_some())
     };
-    let columns = names.iter().enumerate().map(|(index, (name, unit, _))| Head { name: name.clone(), unit: unit.clone(), is_numeric: is_numeric(index) });
+    let columns = names.iter().enumerate().map(|(index, (name, unit, _))| Head {
+        name: name.clone(),
+        unit: unit.clone(),
+        is_numeric: is_numeric(index),
+    });
     Shown {
         title,
         note: String::new(),
@@ -149,7 +153,9 @@ mod tests {
 
     #[test]
     fn numbers_have_six_digits() {
-        for (value, text) in [(0.0, "0"), (1234567.8, "1234568"), (0.000123456789, "0.000123457"), (1.5e-9, "1.5e-9"), (-2.5, "-2.5"), (3e12, "3e12")] {
+        for (value, text) in
+            [(0.0, "0"), (1234567.8, "1234568"), (0.000123456789, "0.000123457"), (1.5e-9, "1.5e-9"), (-2.5, "-2.5"), (3e12, "3e12")]
+        {
             assert_eq!(rounded(value), text);
         }
     }

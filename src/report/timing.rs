@@ -137,7 +137,8 @@ fn critical_path(jobs: &[JobEntry]) -> Vec<usize> {
     let mut ends = vec![0.0; jobs.len()];
     let mut before = vec![None; jobs.len()];
     for (index, job) in jobs.iter().enumerate() {
-        let dearest = input_jobs(job, &places).filter(|input| *input < index).max_by(|one, other| f64::total_cmp(&ends[*one], &ends[*other]));
+        let dearest =
+            input_jobs(job, &places).filter(|input| *input < index).max_by(|one, other| f64::total_cmp(&ends[*one], &ends[*other]));
         let so_far = dearest.map_or(0.0, |input| ends[input]);
         ends[index] = so_far + seconds(job);
         before[index] = dearest.filter(|_| so_far > 0.0);
@@ -236,6 +237,9 @@ mod tests {
     fn kinds_are_ordered_by_their_time() {
         let jobs = [job("a", &[], 1.0), job("b", &[], 3.0)];
         let kinds = kinds(&jobs);
-        assert_eq!(kinds.iter().map(|kind| (kind.kind.as_str(), kind.share.as_str())).collect::<Vec<_>>(), [("kind-b", "75 %"), ("kind-a", "25 %")]);
+        assert_eq!(
+            kinds.iter().map(|kind| (kind.kind.as_str(), kind.share.as_str())).collect::<Vec<_>>(),
+            [("kind-b", "75 %"), ("kind-a", "25 %")]
+        );
     }
 }

@@ -229,7 +229,7 @@ def compare_images(browser, page):
     places = "view=sphere%5Bn%3D16%5D+sphere%5Bn%3D64%5D"
     view(browser, page, places, "reference=exact", "mode=diff", "pixel=31,31", "ev=2")
     side = text_of(browser, "#viewer aside")
-    check(side.count("− ref.") == 2 and "mean of |difference|" in side, "differences against a reference have values and a legend")
+    check(side.count("Δ") == 2 and "mean of |difference|" in side, "differences against a reference have values and a legend")
     check(browser.run("return document.querySelectorAll('#viewer .panel').length") == 3, "the values of all compared images are shown")
     browser.run("document.querySelector('#viewer .stagebox').dispatchEvent(new KeyboardEvent('keydown', {key: '2', bubbles: true}))")
     browser.wait("return location.hash.includes('mode=flip&') && location.hash.includes('current=1')", "the flip by a key in the address")
@@ -257,6 +257,8 @@ def tables(browser):
       document.querySelector('dialog[open]').close();
       return text;""")
     check("pipeline run page.yaml --only" in told and "kind" in told and "key" in told, "a job tells where it comes from and how to make it again")
+    browser.run("document.querySelector('.group[data-group=toned]').scrollIntoView()")
+    browser.wait("return document.querySelector('.group[data-group=toned] select')", "a grid that can be arranged")
     shown = browser.run("""
       const group = document.querySelector('.group[data-group=toned]');
       const selects = group.querySelectorAll('select');

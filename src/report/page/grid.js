@@ -41,9 +41,19 @@ function prepareShot(figure) {
   const text = caption.firstChild;
   const label = make("label", { class: "mark" }, box);
   text.replaceWith(label);
-  label.append(text);
+  label.append(make("span", { class: "what" }, text));
   const files = caption.querySelector(".files") ?? caption.appendChild(make("span", { class: "files" }));
   files.append(make("button", { type: "button", class: "job", title: "Where it comes from", onclick: () => showJob(image.job) }, "info"));
+}
+
+function groupedBy(items, key) {
+  const groups = new Map();
+  for (const item of items) {
+    const name = key(item);
+    if (!groups.has(name)) groups.set(name, []);
+    groups.get(name).push(item);
+  }
+  return groups;
 }
 
 /** Values of an axis among images, in order of appearance. */
@@ -59,6 +69,8 @@ function prepareGroup(section) {
   const group = data.groups[data.images[ids[0]].group];
   const axes = group.axes.filter((axis) => valuesOf(ids, axis).length > 1);
   if (ids.length < 2) return;
+  const figureAt = new Map(ids.map((id, index) => [id, figures[index]]));
+  const figureOf = (id) => figureAt.get(id);
   const state = { rows: axes.length > 1 ? axes[0] : "", columns: axes.length > 1 ? axes[1] : "", at: {} };
   const controls = make("div", { class: "controls" });
   shots.before(controls);
@@ -68,7 +80,6 @@ function prepareGroup(section) {
 
   const arrange = () => {
     const shown = shownIds();
-    const figureOf = (id) => figures[ids.indexOf(id)];
     figures.forEach((figure) => figure.remove());
     if (!state.rows && !state.columns) {
       shots.className = "shots";
@@ -83,11 +94,10 @@ function prepareGroup(section) {
       table.append(make("thead", {}, make("tr", {}, state.rows ? make("td") : null, ...heads)));
     }
     const body = make("tbody");
+    const placeOf = (id) => JSON.stringify([state.rows, state.columns].map((axis) => (axis ? (data.images[id].at[axis] ?? "") : null)));
+    const cellsAt = groupedBy(shown, placeOf);
     for (const row of rows) {
-      const cells = columns.map((column) => {
-        const found = shown.filter((id) => (row === null || (data.images[id].at[state.rows] ?? "") === row) && (column === null || (data.images[id].at[state.columns] ?? "") === column));
-        return make("td", {}, ...found.map(figureOf));
-      });
+      const cells = columns.map((column) => make("td", {}, ...(cellsAt.get(JSON.stringify([row, column])) ?? []).map(figureOf)));
       body.append(make("tr", {}, state.rows ? make("th", { scope: "row" }, state.rows + " = " + row) : null, ...cells));
     }
     table.append(body);
@@ -126,4 +136,15 @@ function prepareGroup(section) {
     arrange();
   };
   build();
+}
+
+/** Groups come to life when they are about to be seen: a page may have thousands of images. */
+function prepareGroups() {
+  const observer = new IntersectionObserver((entries) => {
+    for (const entry of entries.filter((entry) => entry.isIntersecting)) {
+      observer.unobserve(entry.target);
+      prepareGroup(entry.target);
+    }
+  }, { rootMargin: "800px" });
+  document.querySelectorAll(".group").forEach((group) => observer.observe(group));
 }

@@ -102,9 +102,9 @@ void main() {
 
 const UNIFORMS = ["one", "other", "colors", "size", "otherSize", "corner", "panel", "origin", "scale", "mode", "falseColor", "operator", "gain", "offset", "gamma", "white", "display", "marked", "shape", "turn", "split"];
 
-/** Red over grey to blue is hard for some; orange over white to blue is not. */
+/** Blue below, orange above, dark between: told apart by everyone, and what is equal does not dazzle. */
 function divergingColor(t) {
-  const ends = t < 0.5 ? [[33, 102, 172], [247, 247, 247]] : [[247, 247, 247], [224, 110, 10]];
+  const ends = t < 0.5 ? [[96, 190, 255], [24, 26, 30]] : [[24, 26, 30], [255, 160, 60]];
   const part = t < 0.5 ? 2 * t : 2 * t - 1;
   return ends[0].map((from, channel) => Math.round(from + (ends[1][channel] - from) * part));
 }

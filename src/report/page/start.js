@@ -99,7 +99,7 @@ function start() {
   setTheme(THEMES.includes(theme) ? theme : "auto");
   document.getElementById("theme").addEventListener("click", () => setTheme(next(THEMES, document.documentElement.dataset.theme ?? "auto")));
 
-  document.querySelectorAll(".group").forEach(prepareGroup);
+  prepareGroups();
   document.querySelectorAll(".sheet").forEach(prepareShot);
   document.querySelectorAll("table[data-sort]").forEach(makeSortable);
   document.querySelectorAll(".summary .command").forEach((place) => place.replaceWith(command(data.run.command)));

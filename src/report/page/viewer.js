@@ -4,7 +4,7 @@ const MODES = { side: "Side by side", split: "Split", flip: "Flip", diff: "Diffe
 const DIFFERENCES = { signed: 1, absolute: 2, relative: 3 };
 const SHAPES = { flat: 0, ball: 1, inside: 2 };
 const FALSE = { none: 0, linear: 1, stops: 2 };
-const START = { mode: "side", diff: "absolute", current: 0, ev: 0, offset: 0, operator: "linear", gamma: "srgb", color: "none", shape: "flat", yaw: 0, pitch: 0, zoom: null, x: null, y: null, split: 0.5, marks: -1, flags: true, pixel: null, reference: null };
+const START = { mode: "side", diff: "absolute", current: 0, ev: 0, dstops: null, offset: 0, operator: "linear", gamma: "srgb", color: "none", shape: "flat", yaw: 0, pitch: 0, zoom: null, x: null, y: null, split: 0.5, marks: -1, flags: true, pixel: null, reference: null };
 
 let view = null;
 
@@ -106,6 +106,30 @@ function place(panel) {
   return { scale, origin };
 }
 
+const isDifference = () => view.mode === "diff" && referenceId() != null;
+
+/** Stops of the scale of differences: as given, or so that one in a hundred of the pixels is beyond it. */
+function differenceStops() {
+  if (view.dstops != null) return view.dstops;
+  const base = view.loaded.get(referenceId());
+  const found = [];
+  for (const { one, other } of panels()) {
+    const pixels = view.loaded.get(one);
+    if (other == null || !base || !pixels || pixels.values.length !== base.values.length) continue;
+    const step = 3 * Math.max(1, Math.floor(pixels.values.length / 3 / 4096));
+    for (let at = 0; at < pixels.values.length; at += step) {
+      const sum = [0, 1, 2].reduce((sum, channel) => {
+        const d = Math.abs(pixels.values[at + channel] - base.values[at + channel]);
+        return sum + (view.diff === "relative" ? d / (Math.abs(base.values[at + channel]) + 1e-3) : d) / 3;
+      }, 0);
+      if (Number.isFinite(sum) && sum > 0) found.push(sum);
+    }
+  }
+  if (!found.length) return 0;
+  found.sort((one, other) => one - other);
+  return Math.max(-16, Math.min(16, Math.round(-Math.log2(found[Math.floor(0.99 * (found.length - 1))]) * 4) / 4));
+}
+
 function look(panel) {
   const { scale, origin } = place(panel);
   return {
@@ -114,7 +138,7 @@ function look(panel) {
     mode: view.mode === "diff" && panel.other != null ? DIFFERENCES[view.diff] : 0,
     falseColor: FALSE[view.color],
     operator: Math.max(0, OPERATORS.indexOf(view.operator)),
-    gain: 2 ** view.ev,
+    gain: 2 ** (isDifference() && panel.other != null ? differenceStops() : view.ev),
     offset: view.offset,
     gamma: view.gamma === "srgb" ? 0 : Number(view.gamma),
     white: 4,
@@ -292,7 +316,7 @@ function showSide() {
     const stats = image.stats;
     const bad = stats ? [["nan", stats.nan, "NaN"], ["inf", stats.infinite, "infinite"], ["neg", stats.negative, "negative"]].filter((entry) => entry[1] > 0) : [];
     const text = pixelText(id, pixels, x, y);
-    const difference = text && baseAt && id !== base ? "\n  − ref. " + [0, 1, 2].map((channel) => numberText(pixels.values[3 * (y * pixels.width + x) + channel] - (baseAt.values[3 * (y * baseAt.width + x) + channel] ?? NaN)).padStart(10)).join(" ").trimStart() : "";
+    const difference = text && baseAt && id !== base ? "\nΔ" + [0, 1, 2].map((channel) => numberText(pixels.values[3 * (y * pixels.width + x) + channel] - (baseAt.values[3 * (y * baseAt.width + x) + channel] ?? NaN)).padStart(channel ? 10 : 9)).join(" ") : "";
     return make("div", { class: "panel" + (view.mode === "flip" && view.ids[view.current] === id ? " current" : "") },
       make("h4", {}, make("b", {}, id === base ? "ref" : String(index + 1)), make("span", {}, image.place),
         make("button", { type: "button", title: "Where it comes from", onclick: () => showJob(image.job) }, "info"),
@@ -306,14 +330,14 @@ function showSide() {
 }
 
 function legend() {
-  const isDifference = view.mode === "diff" && referenceId() != null;
-  if (!isDifference && view.color === "none") return [];
-  const row = isDifference ? (view.diff === "signed" ? 2 : 1) : 0;
+  const hasDifference = isDifference();
+  if (!hasDifference && view.color === "none") return [];
+  const row = hasDifference ? (view.diff === "signed" ? 2 : 1) : 0;
   const canvas = make("canvas", { width: 256, height: 1 });
   const paint = canvas.getContext("2d");
   paint.putImageData(new ImageData(new Uint8ClampedArray(SCALE_TABLE.slice(1024 * row, 1024 * (row + 1))), 256, 1), 0, 0);
-  const top = 2 ** -view.ev;
-  const [from, to, what] = isDifference
+  const top = 2 ** -(hasDifference ? differenceStops() : view.ev);
+  const [from, to, what] = hasDifference
     ? view.diff === "signed" ? [numberText(-top), numberText(top), "mean of the channels' differences"]
       : [0, numberText(top), view.diff === "relative" ? "mean of |difference| / (|reference| + 0.001)" : "mean of |difference|"]
     : view.color === "linear" ? [0, numberText(top), "luminance"] : [numberText(top / 4096), numberText(top), "luminance, 12 stops"];
@@ -364,6 +388,26 @@ function slider(key, title, min, max, step, unit) {
   return make("label", {}, title, input, output);
 }
 
+/** The exposure, or the scale of differences where they are shown. */
+function exposure() {
+  const title = make("span");
+  const output = make("output");
+  const input = make("input", { type: "range", min: -16, max: 16, step: 0.25, "aria-label": "exposure in stops",
+    oninput: (event) => set({ [isDifference() ? "dstops" : "ev"]: Number(event.target.value) }),
+    ondblclick: () => set(isDifference() ? { dstops: null } : { ev: 0 }) });
+  view.controls.push(() => {
+    const stops = isDifference() ? differenceStops() : view.ev;
+    title.textContent = isDifference() ? "differences" : "exposure";
+    input.value = stops;
+    output.textContent = (stops > 0 ? "+" : stops < 0 ? "−" : "") + Math.abs(stops).toFixed(2);
+  });
+  return make("label", { title: "in stops; a double click sets it back" }, title, input, output);
+}
+
+function brighter(stops) {
+  set(isDifference() ? { dstops: differenceStops() + stops } : { ev: view.ev + stops });
+}
+
 function buttons(key, options) {
   const made = Object.entries(options).map(([value, text]) => {
     const button = make("button", { type: "button", onclick: () => set({ [key]: value }) }, text);
@@ -407,10 +451,10 @@ function buildViewer() {
       make("span", {}, make("button", { type: "button", onclick: () => set({ zoom: null, x: null, y: null, yaw: 0, pitch: 0 }) }, "Fit"), " ",
         make("button", { type: "button", onclick: () => set({ zoom: 1 }) }, "1:1"), " ", zoomText),
       make("button", { type: "button", onclick: showKeys, title: "Keys" }, "?"),
-      make("button", { type: "button", onclick: closeViewer, title: "Close (Escape)" }, "Close")),
+      make("button", { type: "button", class: "close", onclick: closeViewer, title: "Close (Escape)" }, "Close")),
     view.box, view.side,
     make("div", { class: "strip bottom" },
-      slider("ev", "exposure", -16, 16, 0.25, ""),
+      exposure(),
       slider("offset", "offset", -1, 1, 0.01, ""),
       chooser("operator", OPERATORS, "operator"),
       chooser("gamma", ["srgb", "1", "1.8", "2.1", "2.2", "2.4", "2.5", "3"], "gamma"),
@@ -519,7 +563,7 @@ function listen(box) {
 
 const VIEWER_KEYS = {
   Escape: closeViewer,
-  e: () => set({ ev: view.ev - 0.5 }), E: () => set({ ev: view.ev + 0.5 }),
+  e: () => brighter(-0.5), E: () => brighter(0.5),
   s: () => set({ mode: "side" }), l: () => set({ mode: "split" }), f: () => set({ mode: "flip" }), d: () => set({ mode: "diff" }),
   D: () => set({ mode: "diff", diff: next(Object.keys(DIFFERENCES), view.diff) }),
   c: () => set({ color: next(Object.keys(FALSE), view.color) }),
@@ -562,7 +606,7 @@ function viewerKey(event) {
 
 // The address: only what differs from the start stands in it.
 
-const ADDRESS_NUMBERS = ["ev", "offset", "yaw", "pitch", "zoom", "x", "y", "split", "current"];
+const ADDRESS_NUMBERS = ["ev", "dstops", "offset", "yaw", "pitch", "zoom", "x", "y", "split", "current"];
 const ADDRESS_WORDS = { mode: MODES, diff: DIFFERENCES, shape: SHAPES, color: FALSE };
 
 function keepAddress() {
