@@ -30,6 +30,9 @@ const WIDTHS: [usize; 8] = [360, 300, 240, 200, 160, 120, 80, 48];
 /// Bytes of a preview's text for each pixel, in noise.
 const BYTES_PER_PIXEL: f64 = 2.0;
 
+/// Bytes of markup around an embedded text, at most.
+const MARKUP: u64 = 160;
+
 /// Results that are packed at the same time: bounds the memory that it takes.
 const BATCH: usize = 8;
 
@@ -372,8 +375,8 @@ impl Model {
             let packed: Vec<Option<String>> = batch.par_iter().map(pack).collect();
             for (need, text) in batch.iter().zip(packed) {
                 match text {
-                    Some(text) if text.len() as u64 <= left => {
-                        left -= text.len() as u64;
+                    Some(text) if text.len() as u64 + MARKUP <= left => {
+                        left -= text.len() as u64 + MARKUP;
                         self.texts.embedded.insert(need.name.clone(), text);
                     }
                     Some(text) => {
@@ -395,7 +398,7 @@ impl Model {
         let previews = std::mem::take(&mut self.previews);
         let mut text = |id: usize| {
             let text = base64(&previews[id].as_ref()?.png);
-            left = left.checked_sub(text.len() as u64)?;
+            left = left.checked_sub(text.len() as u64 + MARKUP)?;
             Some(text)
         };
         for figure in &mut self.figures {

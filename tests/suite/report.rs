@@ -1,5 +1,9 @@
 //! The page of a run: what it holds, what it leaves out, and that nothing in it is trusted.
 
+use std::collections::BTreeSet;
+use std::io::Read;
+use std::net::TcpListener;
+
 use crate::space::Space;
 
 const BODY: &str = r#"params: { label: "plain" }
@@ -9,8 +13,8 @@ stages:
   dist: { distribution: { of: env } }
   samples: { sample: { of: dist, count: $n }, save: csv }
   cut: { median-cut: { of: env, count: 8 }, save: json }
-  sphere: { relight: { env: env, with: samples, size: 31 }, save: pfm }
-  exact: { relight: { env: env, estimator: exact, size: 31 }, save: exr }
+  sphere: { relight: { env: env, with: samples, size: 31 }, save: exr }
+  exact: { relight: { env: env, estimator: exact, size: 31 }, save: pfm }
   ldr: { tone-map: { of: sphere, gamma: $gamma }, save: png }
   error: { compare: { of: sphere, to: exact, metrics: [rmse], map: abs } }
   curve: { plot: { of: error, x: n, y: [rmse], title: $label }, save: svg }
@@ -48,7 +52,7 @@ fn without_scripts_the_page_shows_pictures_plots_tables_and_times() {
     for text in [
         "<h1>p <span class=\"status done\">done</span></h1>",
         "alt=\"sphere[n=16]\"",
-        "href=\"sphere/n%3D16.pfm\"",
+        "href=\"sphere/n%3D16.exr\"",
         "src=\"data:image/svg+xml;base64,",
         "sphere against exact",
         "Critical path",
@@ -106,8 +110,9 @@ fn a_small_budget_puts_pixels_beside_the_page() {
     let space = ran();
     let whole = page(&space, &[]);
     assert!(space.files("outputs/p/report.files").is_empty(), "all of it fits");
-    let small = page(&space, &["--budget", "200KiB"]);
-    assert!(small.len() <= 200 << 10 && small.len() < whole.len());
+    let budget = whole.len() - 10_000;
+    let small = page(&space, &["--budget", &budget.to_string()]);
+    assert!(small.len() <= budget, "{} of {budget}", small.len());
     let beside = space.files("outputs/p/report.files");
     assert!(!beside.is_empty());
     let text = String::from_utf8(space.read(&format!("outputs/p/report.files/{}", beside[0]))).unwrap();
@@ -126,9 +131,9 @@ fn what_is_gone_is_said_and_published_files_stand_in() {
     let without = String::from_utf8(space.read("outputs/p/report.html")).unwrap();
     assert!(without.contains("gone from the store") && without.contains("<code>env</code>"));
     let preview = |page: &str| page.split("alt=\"sphere[n=16]\"").next().unwrap().rsplit("base64,").next().unwrap().to_owned();
-    assert_eq!(preview(&with_store), preview(&without), "the published pfm has the same pixels");
+    assert_eq!(preview(&with_store), preview(&without), "the published file has the same pixels");
     // A file that someone has changed is not the run's.
-    std::fs::write(space.path("outputs/p/sphere/n=16.pfm"), b"PF\n1 1\n-1.0\n000000000000").unwrap();
+    std::fs::write(space.path("outputs/p/sphere/n=16.exr"), b"PF\n1 1\n-1.0\n000000000000").unwrap();
     space.run(&["report", "p"]).expect(0, &["gone from the store"]);
     let changed = String::from_utf8(space.read("outputs/p/report.html")).unwrap();
     assert!(changed.contains("sphere[n=16]") && !changed.contains("alt=\"sphere[n=16]\""));
@@ -148,4 +153,53 @@ fn a_failed_run_has_a_page_that_says_why() {
 #[test]
 fn a_run_that_does_not_exist_is_refused() {
     Space::new().run(&["report", "nothing"]).expect(2, &["there is no run `nothing`"]);
+}
+
+/// The messages of tev's protocol: the sort of each, and what follows.
+fn messages(mut bytes: &[u8]) -> Vec<(u8, Vec<u8>)> {
+    let mut messages = Vec::new();
+    while let Some((length, _)) = bytes.split_first_chunk() {
+        let (message, rest) = bytes.split_at(u32::from_le_bytes(*length) as usize);
+        messages.push((message[4], message[6..].to_vec()));
+        bytes = rest;
+    }
+    messages
+}
+
+#[test]
+fn finished_images_go_to_a_viewer_that_listens() {
+    let space = Space::new();
+    space.pipeline(BODY);
+    for round in ["as they are finished", "from the store"] {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let option = format!("--view={}", listener.local_addr().unwrap());
+        let received = std::thread::spawn(move || {
+            let mut bytes = Vec::new();
+            listener.accept().unwrap().0.read_to_end(&mut bytes).unwrap();
+            bytes
+        });
+        space.run(&["run", "p.yaml", "-q", &option]).expect(0, &[]);
+        let messages = messages(&received.join().unwrap());
+        let name = |body: &[u8]| String::from_utf8_lossy(body.split(|byte| *byte == 0).next().unwrap()).into_owned();
+        let created: Vec<String> = messages.iter().filter(|(sort, _)| *sort == 4).map(|(_, body)| name(body)).collect();
+        let images: BTreeSet<String> =
+            space.files("outputs/p").into_iter().filter(|file| ["pfm", "exr", "png"].iter().any(|end| file.ends_with(end))).collect();
+        assert_eq!(created.iter().cloned().collect::<BTreeSet<_>>(), images, "{round}");
+        assert_eq!(created.len(), images.len(), "each once, {round}");
+        // The red channel of a PFM, whose rows go from the bottom up.
+        let red = messages.iter().find(|(sort, body)| *sort == 3 && body.starts_with(b"exact.pfm\0R\0")).unwrap();
+        let file = space.read("outputs/p/exact.pfm");
+        let last_row = &file[file.len() - 12 * 31..];
+        let start = b"exact.pfm\0R\0".len() + 16;
+        assert_eq!(red.1[start + 4 * 15..start + 4 * 16], last_row[12 * 15..12 * 15 + 4]);
+    }
+}
+
+#[test]
+fn without_a_viewer_nothing_is_said() {
+    let space = Space::new();
+    space.pipeline(BODY);
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let finished = space.run(&["run", "p.yaml", "-q", &format!("--view={free}")]);
+    assert_eq!((finished.code, finished.stderr.as_str()), (0, ""));
 }

@@ -279,15 +279,14 @@ def many_jobs(browser, program, folder):
     """The page of a run of 10 000 jobs opens in under three seconds."""
     (folder / "many.yaml").write_text(
         "version: 1\npipeline: many\naxes: { i: { range: [1, 100, 1] }, j: { range: [1, 100, 1] } }\n"
-        "stages:\n  a: { fresnel: { eta: 1.5 } }\n  t: { synthesize: { name: constant, width: 2, radiance: [$i, $j, 1] } }\n")
+        "stages:\n  t: { synthesize: { name: constant, width: 2, radiance: [$i, $j, 1] } }\n")
     made = subprocess.run([program, "run", "many.yaml", "-q", "--report"], cwd=folder, capture_output=True, text=True)
     if made.returncode:
         fail(made.stderr)
     page = folder / "outputs/many/report.html"
     seconds = min(browser.open(page.as_uri()) for _ in range(2))
     browser.wait("return document.documentElement.dataset.ready === 'yes'", "a ready page")
-    ready = browser.run("return performance.now() / 1000")
-    check(seconds < 3, f"10 001 jobs, {page.stat().st_size / 2**20:.1f} MiB: open in {seconds:.2f} s")
+    check(seconds < 3, f"10 000 jobs with an image each, {page.stat().st_size / 2**20:.1f} MiB: open in {seconds:.2f} s")
 
 
 def sidecars(browser, program, folder):
