@@ -30,8 +30,8 @@ const WIDTHS: [usize; 8] = [360, 300, 240, 200, 160, 120, 80, 48];
 /// Bytes of a preview's text for each pixel, in noise.
 const BYTES_PER_PIXEL: f64 = 2.0;
 
-/// Bytes of markup around an embedded text, at most.
-const MARKUP: u64 = 160;
+/// Bytes that are set apart for the markup around an embedded text.
+const MARKUP: u64 = 512;
 
 /// Results that are packed at the same time: bounds the memory that it takes.
 const BATCH: usize = 8;
