@@ -396,6 +396,11 @@ pub struct VerifyCommand {
 
 /// Arguments of `report`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline report light                       outputs/light/report.html, the page of the latest run
+  pipeline report light --out light.html --budget 1GiB   all of it in one file, to be sent
+  pipeline run light.yaml --report            run, then make the page; `watch --report` keeps it fresh")]
 pub struct ReportCommand {
     /// The run: its id, its folder, its manifest, or the name of a pipeline (its latest run)
     pub run: String,
