@@ -162,6 +162,12 @@ pub struct JobMeasured {
     pub seconds: f64,
     /// Memory beside its inputs, as its kind estimates it, in bytes.
     pub memory: u64,
+    /// When it started, in seconds since the run began; only where it ran in this run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<f64>,
+    /// The job thread it ran on, from 0; likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thread: Option<u32>,
 }
 
 /// A result on a port.

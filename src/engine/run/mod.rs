@@ -147,7 +147,7 @@ pub fn run(
     outputs.prepare()?;
     known.library.tidy();
     memory::tell_damage(&graph, places, &known.library);
-    let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), settings, interrupted, listener);
+    let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), clock.steady, settings, interrupted, listener);
     let (shared, finished) = finished;
     conclude(&shared, finished, known, standing, places, settings, &clock, listener)
 }
@@ -160,6 +160,7 @@ fn execute(
     known: &mut Known,
     outputs: &OutputFolder,
     standing: Option<&Standing>,
+    began: Instant,
     settings: Settings,
     interrupted: Arc<AtomicBool>,
     listener: &mut dyn Listener,
@@ -168,7 +169,7 @@ fn execute(
     let history = History::new(outputs.path(), &graph);
     let committer = Committer::new(known.library.clone());
     let shared = Arc::new(Shared::new(graph, artifacts, known.library.clone(), outputs.clone(), interrupted, committer.submit()));
-    let world = World { history, index: &known.index, signatures: &mut known.signatures, standing };
+    let world = World { history, index: &known.index, signatures: &mut known.signatures, standing, began };
     let mut scheduler = Scheduler::new(shared.clone(), plan, world, committer, settings, listener);
     scheduler.run();
     (shared, scheduler.finish())

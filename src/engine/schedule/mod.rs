@@ -65,6 +65,8 @@ const GLANCE: Duration = Duration::from_millis(20);
 
 /// The state of a run.
 pub struct Scheduler<'l> {
+    /// When the run began.
+    began: Instant,
     shared: Arc<Shared>,
     settings: Settings,
     listener: &'l mut dyn Listener,
@@ -153,6 +155,8 @@ pub struct World<'l> {
     pub signatures: &'l mut Signatures,
     /// The latest manifest.
     pub standing: Option<&'l Standing>,
+    /// When the run began.
+    pub began: Instant,
 }
 
 impl<'l> Scheduler<'l> {
@@ -174,6 +178,7 @@ impl<'l> Scheduler<'l> {
         let dependents = state::dependents(graph);
         let wanted_count = jobs.iter().flatten().count();
         Self {
+            began: world.began,
             jobs,
             dependents,
             shared,
