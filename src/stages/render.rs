@@ -34,6 +34,19 @@ use crate::render::texture::parameter::Origin;
 /// Right-handed, +y up. The map of `env` surrounds the scene and the lights of `lights` shine on it; both may be placed
 /// by entries of `emitters`. Samples are addressed by seed, pixel and index: the picture is the same for any number
 /// of threads, and a run with more samples goes on from one with a power of two of them.
+///
+/// ```yaml
+/// traced:
+///   render:
+///     env: env
+///     scene:
+///       camera: { perspective: { origin: [0, 1, 4], target: [0, 0.5, 0], fov_degrees: 40 } }
+///       film: { resolution: [320, 240] }
+///       sampler: { sobol: { samples_per_pixel: 64 } }
+///       shapes:
+///         - { sphere: { center: [0, 0.5, 0], radius: 0.5 }, bsdf: { conductor: { metal: gold } } }
+///   save: exr
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Render {
