@@ -15,7 +15,7 @@
 
 use glam::Vec3;
 
-use crate::render::bsdf::Transport;
+use crate::render::bsdf::{Bsdf, Transport};
 use crate::render::bsdf::shading::Shading;
 use crate::render::emitter::lights::LightSample;
 use crate::render::film::Background;
@@ -23,7 +23,6 @@ use crate::render::integrator::Strategy;
 use crate::render::ray::{Ray, Surface};
 use crate::render::sampler::{Numbers, unit};
 use crate::render::scene::compiled::Scene;
-use crate::render::texture::TexturePoint;
 
 /// Numbers of the camera: the place on the film, the place on the lens.
 pub const CAMERA_SETS: u32 = 2;
@@ -173,10 +172,9 @@ impl Transporter {
             let surface = scene.geometry.surface(&ray, &hit);
             radiance += self.limited(throughput * self.emission(scene, &ray, &surface, origin), depth);
             let outgoing = -ray.direction;
-            let point = TexturePoint { uv: surface.uv.into(), position: surface.position };
-            let bsdf = scene.material_of(surface.shape).at(&point);
+            let bsdf = scene.material_of(surface.shape).on(&surface);
             if depth == 0 {
-                first = FirstHit::of(&surface, outgoing, bsdf.albedo(), hit.distance);
+                first = FirstHit::of(&surface, outgoing, &bsdf, hit.distance);
             }
             if depth == self.max_depth {
                 break;
@@ -208,7 +206,7 @@ impl Transporter {
     }
 
     /// Light by drawing lights from a vertex.
-    fn direct(&self, scene: &Scene, surface: &Surface, shading: &Shading, numbers: &Numbers<'_>, sets: u32) -> Vec3 {
+    fn direct(&self, scene: &Scene, surface: &Surface, shading: &Shading<'_>, numbers: &Numbers<'_>, sets: u32) -> Vec3 {
         if scene.lights.is_empty() {
             return Vec3::ZERO;
         }
@@ -233,7 +231,7 @@ impl Transporter {
 
     /// A draw of a light; `None` where it brings nothing, hidden or not.
     #[inline]
-    fn candidate(&self, scene: &Scene, surface: &Surface, shading: &Shading, bits: [u32; 2]) -> Option<Candidate> {
+    fn candidate(&self, scene: &Scene, surface: &Surface, shading: &Shading<'_>, bits: [u32; 2]) -> Option<Candidate> {
         let light = scene.lights.sample(&scene.geometry, surface.position, bits)?;
         let is_left_to_scattering = self.strategy == Strategy::Bsdf && !light.is_delta;
         if is_left_to_scattering || light.pdf <= 0.0 || light.radiance == Vec3::ZERO {
@@ -298,10 +296,10 @@ impl Transporter {
 }
 
 impl FirstHit {
-    fn of(surface: &Surface, outgoing: Vec3, albedo: Vec3, depth: f32) -> Self {
-        let normal = surface.frame.normal;
+    fn of(surface: &Surface, outgoing: Vec3, bsdf: &Bsdf<'_>, depth: f32) -> Self {
+        let normal = bsdf.normal_in(&surface.frame);
         let towards_camera = if normal.dot(outgoing) < 0.0 { -normal } else { normal };
-        Self { is_hit: true, albedo, normal: towards_camera, depth }
+        Self { is_hit: true, albedo: bsdf.albedo(), normal: towards_camera, depth }
     }
 }
 

@@ -1,9 +1,12 @@
 //! A scene in the form in which it is traced: flat tables, everything loaded and checked.
 
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
+use crate::image::raster::Raster;
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
 use crate::math::elementary;
@@ -25,7 +28,8 @@ use crate::render::scene::placed::BsdfChoice;
 use crate::render::shape::geometry::{Geometry, Placed};
 use crate::render::shape::mesh::MeshShape;
 use crate::render::shape::{Shape, ShapeError, forms};
-use crate::render::texture::parameter::{Parameter, Reflectance};
+use crate::render::texture::bitmap::{Decoding, Pixels, TexelError};
+use crate::render::texture::parameter::{Origin, Parameter, Pictures, Reflectance};
 use crate::render::texture::value::{Color, Value};
 use crate::render::transform::{self, TransformError};
 
@@ -93,6 +97,72 @@ pub struct Surroundings<'a> {
     pub seed: u64,
 }
 
+/// Files and results of other stages that a scene names.
+pub trait Library {
+    /// Why something cannot be had.
+    type Error: Send;
+
+    /// The mesh of a shape, with the normals that it asks for.
+    fn mesh(&mut self, shape: &MeshShape) -> Result<Arc<Mesh>, Self::Error>;
+
+    /// The pixels of a picture.
+    fn pixels(&mut self, origin: &Origin) -> Result<Pixels, Self::Error>;
+}
+
+/// The library of scenes that name nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoLibrary;
+
+impl Library for NoLibrary {
+    type Error = std::io::Error;
+
+    fn mesh(&mut self, _: &MeshShape) -> Result<Arc<Mesh>, Self::Error> {
+        Err(std::io::ErrorKind::NotFound.into())
+    }
+
+    fn pixels(&mut self, _: &Origin) -> Result<Pixels, Self::Error> {
+        Err(std::io::ErrorKind::NotFound.into())
+    }
+}
+
+/// Pictures of a library, each of them read and decoded once; keeps the first error.
+struct Shelf<'l, L: Library> {
+    library: RefCell<&'l mut L>,
+    pictures: RefCell<BTreeMap<(Origin, Decoding), Arc<Raster>>>,
+    error: RefCell<Option<L::Error>>,
+}
+
+impl<'l, L: Library> Shelf<'l, L> {
+    fn new(library: &'l mut L) -> Self {
+        Self { library: RefCell::new(library), pictures: RefCell::default(), error: RefCell::new(None) }
+    }
+
+    /// The first error.
+    fn checked(&self) -> Result<(), L::Error> {
+        self.error.take().map_or(Ok(()), Err)
+    }
+}
+
+impl<L: Library> Pictures for Shelf<'_, L> {
+    fn picture(&self, origin: &Origin, decoding: Decoding) -> Option<Arc<Raster>> {
+        let key = (origin.clone(), decoding);
+        if let Some(known) = self.pictures.borrow().get(&key) {
+            return Some(known.clone());
+        }
+        match self.library.borrow_mut().pixels(origin) {
+            Ok(pixels) => {
+                let raster = Arc::new(pixels.decoded(decoding));
+                self.pictures.borrow_mut().insert(key, raster.clone());
+                Some(raster)
+            }
+            Err(error) => {
+                self.error.borrow_mut().get_or_insert(error);
+                None
+            }
+        }
+    }
+}
+
 /// A scene that cannot be traced.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError<E> {
@@ -102,6 +172,9 @@ pub enum SceneError<E> {
     /// A BSDF whose parameters contradict each other.
     #[error(transparent)]
     Bsdf(#[from] BsdfError),
+    /// A light with a radiance that cannot be.
+    #[error("light of shape {0}: {1}")]
+    Light(usize, TexelError),
     /// A transform that cannot be used.
     #[error("shape {0}: {1}")]
     Transform(usize, TransformError),
@@ -141,23 +214,28 @@ impl<E> From<Passed<E>> for SceneError<E> {
 }
 
 impl Scene {
-    /// Compiles a description; `load` gives the meshes that it names, `check` is asked often whether to stop.
-    pub fn new<E: Send>(
+    /// Compiles a description; `library` gives what it names, `check` is asked often whether to stop.
+    pub fn new<L: Library>(
         description: &SceneDescription,
         surroundings: &Surroundings<'_>,
-        mut load: impl FnMut(&MeshShape) -> Result<Arc<Mesh>, E>,
-        check: impl Fn() -> Result<(), E> + Sync,
-    ) -> Result<Self, SceneError<E>> {
-        let (materials, material_of_shape) = materials(description)?;
+        library: &mut L,
+        check: impl Fn() -> Result<(), L::Error> + Sync,
+    ) -> Result<Self, SceneError<L::Error>> {
+        let shelf = Shelf::new(library);
+        let compiled = materials(description, &shelf).and_then(|materials| Ok((materials, areas(description, &shelf)?)));
+        // A file that cannot be read comes before what is wrong with its stand-in.
+        shelf.checked().map_err(SceneError::Outside)?;
+        let ((materials, material_of_shape), areas) = compiled?;
         let shapes: Vec<&Shape> = description.shapes.iter().map(|placed| &placed.shape).collect();
-        let forms = forms(&shapes, |mesh| load(mesh).map_err(Passed::Outside))?;
+        let forms = forms(&shapes, |mesh| library.mesh(mesh).map_err(Passed::Outside))?;
         let mut placed = Vec::with_capacity(forms.len());
         for (index, (form, shape)) in forms.into_iter().zip(&description.shapes).enumerate() {
             let to_world = transform::affine(&shape.transform).map_err(|error| SceneError::Transform(index, error))?;
             placed.push(Placed { form, to_world, is_emitter: shape.emitter.is_some() });
         }
         let geometry = Geometry::build(&placed, || check().map_err(Passed::Outside))?;
-        let (sources, negative_count) = sources(description, surroundings, &check)?;
+        let (mut sources, negative_count) = sources(description, surroundings, &check)?;
+        sources.extend(areas);
         let lights = Lights::new(sources, &geometry);
         Ok(Self {
             camera: description.camera.compiled(description.film.resolution)?,
@@ -182,11 +260,11 @@ impl Scene {
 }
 
 /// All materials, and which one each shape has.
-fn materials<E>(description: &SceneDescription) -> Result<(Vec<Material>, Vec<u32>), SceneError<E>> {
+fn materials<E>(description: &SceneDescription, pictures: &dyn Pictures) -> Result<(Vec<Material>, Vec<u32>), SceneError<E>> {
     let directions = description.integrator.direction_sampling();
     let names: Vec<&String> = description.materials.keys().collect();
     let mut materials: Vec<Material> =
-        description.materials.values().map(|bsdf| Material::new(bsdf, directions)).collect::<Result<_, _>>()?;
+        description.materials.values().map(|bsdf| Material::with_pictures(bsdf, directions, pictures)).collect::<Result<_, _>>()?;
     let usual = BsdfDescription::Diffuse(DiffuseParameters { reflectance: usual_reflectance(), one_sided: false });
     let mut of_shape = Vec::with_capacity(description.shapes.len());
     for placed in &description.shapes {
@@ -199,7 +277,7 @@ fn materials<E>(description: &SceneDescription) -> Result<(Vec<Material>, Vec<u3
             Some(BsdfChoice::Inline(bsdf)) => bsdf,
             None => &usual,
         };
-        let material = Material::new(bsdf, directions)?;
+        let material = Material::with_pictures(bsdf, directions, pictures)?;
         let index = materials.iter().position(|known| *known == material).unwrap_or_else(|| {
             materials.push(material);
             materials.len() - 1
@@ -247,18 +325,24 @@ fn sources<E: Send>(
             EmitterDescription::Point(parameters) => {
                 sources.push(Source::Point { position: parameters.position.vec3(), intensity: parameters.intensity.inner() });
             }
+            EmitterDescription::Spot(parameters) => sources.push(Source::Spot(parameters.spot())),
             EmitterDescription::Directional(parameters) => {
                 let towards = parameters.towards.vec3().normalize_or_zero();
                 sources.push(Source::Directional { towards, irradiance: parameters.irradiance.inner() });
             }
         }
     }
-    for (index, placed) in description.shapes.iter().enumerate() {
-        if let Some(ShapeEmitter::Area(area)) = &placed.emitter {
-            sources.push(Source::Area { shape: index as u32, radiance: area.radiance.texture() });
-        }
-    }
     Ok((sources, negative_count))
+}
+
+/// The lights of shapes.
+fn areas<E>(description: &SceneDescription, pictures: &dyn Pictures) -> Result<Vec<Source>, SceneError<E>> {
+    let shining = description.shapes.iter().enumerate().filter_map(|(index, placed)| Some((index, placed.emitter.as_ref()?)));
+    let area = |(index, ShapeEmitter::Area(area)): (usize, &ShapeEmitter)| {
+        let radiance = area.radiance.texture(pictures).map_err(|error| SceneError::Light(index, error))?;
+        Ok(Source::Area { shape: index as u32, radiance })
+    };
+    shining.map(area).collect()
 }
 
 /// The lights of a cut, turned about +y.
