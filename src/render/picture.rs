@@ -130,6 +130,7 @@ impl Line<'_> {
         let ray = scene.camera.ray([x as f32 + 0.5 + dx, self.y as f32 + 0.5 + dy], lens);
         let (color, first) = match &scene.integrator {
             Integrator::Path(transporter) => transporter.radiance(scene, ray, numbers),
+            Integrator::VolumePath(transporter) => transporter.radiance_through_media(scene, ray, numbers),
             Integrator::Normals => {
                 let first: FirstHit = Transporter::EMITTERS_ALONE.radiance(scene, ray, numbers).1;
                 (normals::color(&first), first)

@@ -26,11 +26,11 @@ use crate::render::texture::TexturePoint;
 /// Numbers of the camera: the place on the film, the place on the lens.
 pub const CAMERA_SETS: u32 = 2;
 /// Sets of a vertex: the light, the direction of scattering, and choices.
-const VERTEX_SETS: u32 = 3;
+pub(super) const VERTEX_SETS: u32 = 3;
 /// The direction of scattering among the sets of a vertex.
-const DIRECTION_SET: u32 = 1;
+pub(super) const DIRECTION_SET: u32 = 1;
 /// Choices among the sets of a vertex: the lobe; the light of several, and whether the path goes on.
-const CHOICE_SET: u32 = 2;
+pub(super) const CHOICE_SET: u32 = 2;
 /// The largest number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
@@ -74,11 +74,46 @@ struct Candidate {
 
 /// How the ray at hand was found, for the weight of the light that it hits.
 #[derive(Debug, Clone, Copy)]
-enum Origin {
+pub(super) enum Origin {
     /// By the camera or by a lobe that no drawing of lights could have found.
     Unique,
     /// By scattering at that point, with that density.
     Scattered { reference: Vec3, pdf: f32 },
+}
+
+/// A point that scatters light.
+pub(super) trait Vertex {
+    /// Where it is.
+    fn position(&self) -> Vec3;
+
+    /// What part of the light from a direction is scattered on, and the density of scattering into that direction.
+    fn evaluate_with_pdf(&self, direction: Vec3) -> (Vec3, f32);
+
+    /// The ray along which a light may be hidden; `None` where it is at this very point.
+    fn shadow_ray(&self, light: &LightSample) -> Option<Ray>;
+}
+
+/// A point of a surface, seen from one direction.
+pub(super) struct OnSurface<'a> {
+    pub surface: &'a Surface,
+    pub shading: &'a Shading,
+}
+
+impl Vertex for OnSurface<'_> {
+    #[inline]
+    fn position(&self) -> Vec3 {
+        self.surface.position
+    }
+
+    #[inline]
+    fn evaluate_with_pdf(&self, direction: Vec3) -> (Vec3, f32) {
+        self.shading.evaluate_with_pdf(direction, Transport::Radiance)
+    }
+
+    #[inline]
+    fn shadow_ray(&self, light: &LightSample) -> Option<Ray> {
+        light.shadow_ray(self.surface)
+    }
 }
 
 impl Transporter {
@@ -128,7 +163,9 @@ impl Transporter {
             let shading = Shading::new(bsdf, &surface.frame, surface.normal, outgoing);
             let sets = CAMERA_SETS + VERTEX_SETS * depth;
             if !bsdf.is_delta() {
-                let direct = self.direct(scene, &surface, &shading, numbers, sets);
+                let vertex = OnSurface { surface: &surface, shading: &shading };
+                let visible = |ray: &Ray| (!scene.geometry.is_occluded(ray)).then_some(1.0);
+                let direct = self.direct(scene, &vertex, numbers, sets, visible);
                 radiance += self.limited(throughput * direct, depth + 1);
             }
             let choice = numbers.bits(sets + CHOICE_SET);
@@ -151,15 +188,23 @@ impl Transporter {
         (radiance, first)
     }
 
-    /// Light by drawing lights from a vertex.
-    fn direct(&self, scene: &Scene, surface: &Surface, shading: &Shading, numbers: &Numbers<'_>, sets: u32) -> Vec3 {
+    /// Light by drawing lights from a vertex; `visible` gives the share that comes through along a ray, if any does.
+    #[inline]
+    pub(super) fn direct(
+        &self,
+        scene: &Scene,
+        vertex: &impl Vertex,
+        numbers: &Numbers<'_>,
+        sets: u32,
+        mut visible: impl FnMut(&Ray) -> Option<f32>,
+    ) -> Vec3 {
         if scene.lights.is_empty() {
             return Vec3::ZERO;
         }
         let light_once = |part| {
-            let chosen = self.chosen(scene, surface, shading, numbers, sets, part)?;
-            let is_hidden = chosen.light.shadow_ray(surface).is_none_or(|ray| scene.geometry.is_occluded(&ray));
-            (!is_hidden).then_some(chosen.brought)
+            let chosen = self.chosen(scene, vertex, numbers, sets, part)?;
+            let share = visible(&vertex.shadow_ray(&chosen.light)?)?;
+            Some(chosen.brought * share)
         };
         (0..self.emitter_samples).filter_map(light_once).sum::<Vec3>() / self.emitter_samples as f32
     }
@@ -169,21 +214,20 @@ impl Transporter {
     fn chosen(
         &self,
         scene: &Scene,
-        surface: &Surface,
-        shading: &Shading,
+        vertex: &impl Vertex,
         numbers: &Numbers<'_>,
         sets: u32,
         part: u32,
     ) -> Option<Candidate> {
         let (count, draws) = (self.emitter_candidates, self.draws());
         if draws == 1 {
-            return self.candidate(scene, surface, shading, numbers.bits(sets));
+            return self.candidate(scene, vertex, numbers.bits(sets));
         }
         let mut choice = unit(numbers.bits_of_part(sets + CHOICE_SET, part, self.emitter_samples)[1]);
         let mut chosen = None;
         let mut total = 0.0;
         for index in part * count..(part + 1) * count {
-            let Some(candidate) = self.candidate(scene, surface, shading, numbers.bits_of_part(sets, index, draws)) else { continue };
+            let Some(candidate) = self.candidate(scene, vertex, numbers.bits_of_part(sets, index, draws)) else { continue };
             let share = candidate.brought.element_sum();
             total += share;
             let probability = share / total;
@@ -201,13 +245,13 @@ impl Transporter {
 
     /// A draw of a light; `None` where it brings nothing, hidden or not.
     #[inline]
-    fn candidate(&self, scene: &Scene, surface: &Surface, shading: &Shading, bits: [u32; 2]) -> Option<Candidate> {
-        let light = scene.lights.sample(&scene.geometry, surface.position, bits)?;
+    fn candidate(&self, scene: &Scene, vertex: &impl Vertex, bits: [u32; 2]) -> Option<Candidate> {
+        let light = scene.lights.sample(&scene.geometry, vertex.position(), bits)?;
         let is_left_to_scattering = self.strategy == Strategy::Bsdf && !light.is_delta;
         if is_left_to_scattering || light.pdf <= 0.0 || light.radiance == Vec3::ZERO {
             return None;
         }
-        let (value, scattering_pdf) = shading.evaluate_with_pdf(light.direction, Transport::Radiance);
+        let (value, scattering_pdf) = vertex.evaluate_with_pdf(light.direction);
         if value == Vec3::ZERO {
             return None;
         }
@@ -227,7 +271,7 @@ impl Transporter {
     }
 
     /// What the environment adds to a ray that hits nothing.
-    fn background(&self, scene: &Scene, direction: Vec3, origin: Origin) -> Vec3 {
+    pub(super) fn background(&self, scene: &Scene, direction: Vec3, origin: Origin) -> Vec3 {
         match origin {
             Origin::Unique => scene.lights.environment().map_or(Vec3::ZERO, |environment| environment.radiance(direction)),
             Origin::Scattered { .. } if self.strategy == Strategy::Emitter => Vec3::ZERO,
@@ -239,7 +283,7 @@ impl Transporter {
     }
 
     /// What a surface adds by its own light.
-    fn emission(&self, scene: &Scene, ray: &Ray, surface: &Surface, origin: Origin) -> Vec3 {
+    pub(super) fn emission(&self, scene: &Scene, ray: &Ray, surface: &Surface, origin: Origin) -> Vec3 {
         let Some(emitted) = scene.lights.emitted(surface, ray.direction) else { return Vec3::ZERO };
         match origin {
             Origin::Unique => emitted,
@@ -259,14 +303,14 @@ impl Transporter {
     }
 
     /// Scales down what is too bright, after the first scattering.
-    fn limited(&self, added: Vec3, scatterings: u32) -> Vec3 {
+    pub(super) fn limited(&self, added: Vec3, scatterings: u32) -> Vec3 {
         let largest = added.max_element();
         if scatterings < 2 || largest <= self.clamp_indirect { added } else { added * (self.clamp_indirect / largest) }
     }
 }
 
 impl FirstHit {
-    fn of(surface: &Surface, outgoing: Vec3, albedo: Vec3, depth: f32) -> Self {
+    pub(super) fn of(surface: &Surface, outgoing: Vec3, albedo: Vec3, depth: f32) -> Self {
         let normal = surface.frame.normal;
         let towards_camera = if normal.dot(outgoing) < 0.0 { -normal } else { normal };
         Self { is_hit: true, albedo, normal: towards_camera, depth }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
@@ -18,13 +18,16 @@ use crate::render::emitter::{EmitterDescription, EnvironmentParameters, LightsPa
 use crate::render::film::filter::Filter;
 use crate::render::film::{Background, LayerKind};
 use crate::render::integrator::Integrator;
+use crate::render::medium::grid::GridError;
+use crate::render::medium::media::Media;
+use crate::render::medium::{Medium, MediumDescription, MediumError, Place, Tracking};
 use crate::render::mesh::Mesh;
 use crate::render::sampler::Sampler;
 use crate::render::scene::SceneDescription;
 use crate::render::scene::placed::BsdfChoice;
 use crate::render::shape::geometry::{Geometry, Placed};
 use crate::render::shape::mesh::MeshShape;
-use crate::render::shape::{Shape, ShapeError, forms};
+use crate::render::shape::{Form, Shape, ShapeError, forms};
 use crate::render::texture::parameter::{Parameter, Reflectance};
 use crate::render::texture::value::{Color, Value};
 use crate::render::transform::{self, TransformError};
@@ -46,6 +49,8 @@ pub struct Scene {
     pub integrator: Integrator,
     /// What rays hit.
     pub geometry: Geometry,
+    /// What is between the surfaces.
+    pub media: Media,
     /// Where light comes from.
     pub lights: Lights,
     /// What negative pixels the map had; they count as zero.
@@ -108,6 +113,9 @@ pub enum SceneError<E> {
     /// A shape that cannot be used.
     #[error(transparent)]
     Shape(#[from] ShapeError),
+    /// A medium that cannot be used.
+    #[error("medium of shape {0}: {1}")]
+    Medium(usize, MediumError),
     /// A map with pixels that are not finite.
     #[error(transparent)]
     Environment(EnvironmentError<std::convert::Infallible>),
@@ -151,12 +159,19 @@ impl Scene {
         let (materials, material_of_shape) = materials(description)?;
         let shapes: Vec<&Shape> = description.shapes.iter().map(|placed| &placed.shape).collect();
         let forms = forms(&shapes, |mesh| load(mesh).map_err(Passed::Outside))?;
-        let mut placed = Vec::with_capacity(forms.len());
+        let (mut placed, mut filled) = (Vec::with_capacity(forms.len()), Vec::new());
         for (index, (form, shape)) in forms.into_iter().zip(&description.shapes).enumerate() {
             let to_world = transform::affine(&shape.transform).map_err(|error| SceneError::Transform(index, error))?;
-            placed.push(Placed { form, to_world, is_emitter: shape.emitter.is_some() });
+            let one = Placed { form, to_world, is_emitter: shape.emitter.is_some() };
+            if let Some(medium) = &shape.medium {
+                filled.push((index, Placed { is_emitter: false, ..one.clone() }, medium));
+            }
+            if !shape.is_boundary() {
+                placed.push(one);
+            }
         }
         let geometry = Geometry::build(&placed, || check().map_err(Passed::Outside))?;
+        let media = media(&filled, description.integrator.tracking(), &check)?;
         let (sources, negative_count) = sources(description, surroundings, &check)?;
         let lights = Lights::new(sources, &geometry);
         Ok(Self {
@@ -167,6 +182,7 @@ impl Scene {
             kept: Kept::of(description),
             integrator: description.integrator.compiled(),
             geometry,
+            media,
             lights,
             negative_count,
             materials,
@@ -189,7 +205,7 @@ fn materials<E>(description: &SceneDescription) -> Result<(Vec<Material>, Vec<u3
         description.materials.values().map(|bsdf| Material::new(bsdf, directions)).collect::<Result<_, _>>()?;
     let usual = BsdfDescription::Diffuse(DiffuseParameters { reflectance: usual_reflectance(), one_sided: false });
     let mut of_shape = Vec::with_capacity(description.shapes.len());
-    for placed in &description.shapes {
+    for placed in description.surfaces() {
         let bsdf = match &placed.bsdf {
             Some(BsdfChoice::Named(name)) => {
                 let index = names.iter().position(|known| *known == name).ok_or_else(|| SceneError::Material(name.clone()))?;
@@ -207,6 +223,36 @@ fn materials<E>(description: &SceneDescription) -> Result<(Vec<Material>, Vec<u3
         of_shape.push(index as u32);
     }
     Ok((materials, of_shape))
+}
+
+/// What is between the surfaces, of shapes with their index in the scene.
+fn media<E: Send>(
+    filled: &[(usize, Placed, &MediumDescription)],
+    tracking: Tracking,
+    check: &(impl Fn() -> Result<(), E> + Sync),
+) -> Result<Media, SceneError<E>> {
+    let shapes: Vec<Placed> = filled.iter().map(|(_, placed, _)| placed.clone()).collect();
+    let boundaries = Geometry::build(&shapes, || check().map_err(Passed::Outside))?;
+    let of_shape = |(place, (index, placed, description)): (usize, &(usize, Placed, &MediumDescription))| {
+        let around = Place { bounds: boundaries.bounds_of_shape(place), to_world: placed.to_world * around(&placed.form) };
+        let medium = Medium::new(description, &around, |_| Err(MediumError::from(GridError::Uneven)));
+        let medium = medium.and_then(|medium| medium.checked(&around, tracking));
+        medium.map_err(|error| SceneError::Medium(*index, error))
+    };
+    let media = filled.iter().enumerate().map(of_shape).collect::<Result<_, _>>()?;
+    Ok(Media::new(boundaries, media, tracking))
+}
+
+/// From the cube [-1, 1]³ to the box around a form.
+fn around(form: &Form) -> DAffine3 {
+    match form {
+        Form::Unit(_, to_place) => *to_place,
+        Form::Mesh(mesh) => {
+            let corners = mesh.positions().iter().map(|corner| corner.as_dvec3());
+            let (min, max) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), corner| (min.min(corner), max.max(corner)));
+            DAffine3 { matrix3: DMat3::from_diagonal((max - min) / 2.0), translation: (min + max) / 2.0 }
+        }
+    }
 }
 
 /// Half of the light.
@@ -253,7 +299,7 @@ fn sources<E: Send>(
             }
         }
     }
-    for (index, placed) in description.shapes.iter().enumerate() {
+    for (index, placed) in description.surfaces().enumerate() {
         if let Some(ShapeEmitter::Area(area)) = &placed.emitter {
             sources.push(Source::Area { shape: index as u32, radiance: area.radiance.texture() });
         }
