@@ -177,7 +177,7 @@ mod tests {
     use crate::light::envmap::EnvMap;
     use crate::light::test_maps;
     use crate::render::scene::SceneDescription;
-    use crate::render::scene::compiled::Surroundings;
+    use crate::render::scene::compiled::{NoLibrary, Surroundings};
 
     fn description(text: &str) -> SceneDescription {
         let text = serde_yaml::Deserializer::from_str(text);
@@ -188,7 +188,7 @@ mod tests {
 
     fn compiled(description: &SceneDescription, env: Option<&EnvMap>) -> Scene {
         let surroundings = Surroundings { env, lights: None, seed: 5 };
-        Scene::new(description, &surroundings, |_| unreachable!("no meshes"), || Ok::<(), Infallible>(())).unwrap()
+        Scene::new(description, &surroundings, &mut NoLibrary, || Ok(())).unwrap()
     }
 
     fn film(description: &SceneDescription, env: Option<&EnvMap>, window: Window, block: Block, start: Option<&Film>) -> Film {

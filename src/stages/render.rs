@@ -12,17 +12,20 @@ use crate::catalogue::nearest;
 use crate::engine::job::Job;
 use crate::engine::parameter::{InputFile, Port, Section, Seed};
 use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
+use crate::formats::{self, Content, Limits};
 use crate::image::raster::Image;
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
 use crate::render::film::sums::{Block, Film, Window};
+use crate::render::medium::grid::Voxels;
 use crate::render::mesh::{Mesh, read};
 use crate::render::picture::{self, Request};
-use crate::render::scene::compiled::{Scene, SceneError, Surroundings};
+use crate::render::scene::compiled::{Library, Scene, SceneError, Surroundings};
 use crate::render::scene::{SceneDescription, SceneMistake};
 use crate::render::scene_file::SceneFile;
 use crate::render::shape::Shape;
 use crate::render::shape::mesh::MeshShape;
+use crate::render::texture::bitmap::Pixels;
 
 /// Renders a scene by path tracing.
 ///
@@ -109,8 +112,7 @@ impl Render {
     fn compiled(&self, job: &Job<'_>) -> Result<Scene, StageError> {
         let (env, lights) = (job.optional_input(&self.env)?, job.optional_input(&self.lights)?);
         let surroundings = Surroundings { env: env.as_deref(), lights: lights.as_deref(), seed: job.seed(self.seed) };
-        let load = |mesh: &MeshShape| self.mesh(mesh, job);
-        Scene::new(&self.scene.0, &surroundings, load, || job.check()).map_err(|error| match error {
+        Scene::new(&self.scene.0, &surroundings, &mut Files { render: self, job }, || job.check()).map_err(|error| match error {
             SceneError::Outside(error) => error,
             other => StageError::content(other),
         })
@@ -179,6 +181,37 @@ impl Render {
             hint: Some(format!("set `{port}` to a stage that gives {gives}")),
         };
         missing.into_iter().filter(|(_, is_missing, _)| *is_missing).map(mistake).collect()
+    }
+}
+
+/// What the scene of a job names.
+struct Files<'a, 'j> {
+    render: &'a Render,
+    job: &'a Job<'j>,
+}
+
+impl Library for Files<'_, '_> {
+    type Error = StageError;
+
+    fn mesh(&mut self, shape: &MeshShape) -> Result<Arc<Mesh>, StageError> {
+        self.render.mesh(shape, self.job)
+    }
+
+    fn pixels(&mut self, SceneFile(path): &SceneFile) -> Result<Pixels, StageError> {
+        let in_file = |message: String| StageError::content(format!("`{}`: {message}", path.display()));
+        let bytes = self.job.read(&InputFile(path.clone()))?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let decoded = formats::read(&bytes, &name, &Limits::default()).map_err(|error| in_file(error.to_string()))?;
+        decoded.warnings.into_iter().for_each(|warning| self.job.warn(format!("`{name}`: {warning}")));
+        Ok(match decoded.content {
+            Content::Linear(image) => Pixels::Linear(image.color),
+            Content::Display(picture) => Pixels::Display(picture),
+        })
+    }
+
+    fn voxels(&mut self, SceneFile(path): &SceneFile) -> Result<Voxels, StageError> {
+        let bytes = self.job.read(&InputFile(path.clone()))?;
+        Voxels::read(&bytes).map_err(|error| StageError::content(format!("`{}`: {error}", path.display())))
     }
 }
 

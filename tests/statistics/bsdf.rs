@@ -3,7 +3,7 @@
 //! Expected counts come from a quadrature over slopes of facets in double precision that shares nothing with the
 //! drawing but the density; draws that fail, and delta lobes, are one cell more.
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use pipeline::math::statistics::{chi_square_test, normal_cdf};
 use pipeline::math::stream::{Purpose, Stream};
 use pipeline::render::bsdf::material::Material;
@@ -23,8 +23,7 @@ const TESTS: Family = Family(400);
 fn bsdf(text: &str, directions: DirectionSampling) -> Bsdf {
     let json: serde_json::Value = serde_yaml::from_str(text).unwrap();
     let description: BsdfDescription = serde_json::from_value(json).unwrap();
-    let anywhere = TexturePoint { uv: Vec2::ZERO, position: Vec3::ZERO };
-    Material::new(&description, directions).unwrap().at(&anywhere)
+    Material::new(&description, directions).unwrap().at(&TexturePoint::ANYWHERE)
 }
 
 fn view(text: &str, degrees: f64) -> View {

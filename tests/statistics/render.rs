@@ -17,7 +17,7 @@ use pipeline::math::stream::{Purpose, Stream};
 use pipeline::render::film::sums::{Block, Refused, Window};
 use pipeline::render::picture::{self, Request};
 use pipeline::render::scene::SceneDescription;
-use pipeline::render::scene::compiled::{Scene, Surroundings};
+use pipeline::render::scene::compiled::{NoLibrary, Scene, Surroundings};
 
 pub const SEEDS: u64 = 16;
 
@@ -43,7 +43,7 @@ pub fn pixels(text: &str, env: Option<&EnvMap>, seed: u64) -> Vec<[f64; 3]> {
     let description = description(text);
     assert_eq!(description.mistakes(), [], "{text}");
     let surroundings = Surroundings { env, lights: None, seed };
-    let scene = Scene::new(&description, &surroundings, |_| unreachable!("no mesh files"), || Ok::<(), Infallible>(())).unwrap();
+    let scene = Scene::new(&description, &surroundings, &mut NoLibrary, || Ok(())).unwrap();
     let block = Block { first: 0, count: description.samples_per_replicate() };
     let window = Window::whole(description.film.resolution);
     let request = Request { window, block, replicates: description.replicates(), start: None };
@@ -240,7 +240,7 @@ fn variance_layers_are_honest() {
         let (mut values, mut claimed) = (Vec::new(), Vec::new());
         for seed in 0..64 {
             let surroundings = Surroundings { env: Some(&map), lights: None, seed };
-            let scene = Scene::new(&description, &surroundings, |_| unreachable!("no meshes"), || Ok::<(), Infallible>(())).unwrap();
+            let scene = Scene::new(&description, &surroundings, &mut NoLibrary, || Ok(())).unwrap();
             let block = Block { first: 0, count: description.samples_per_replicate() };
             let request =
                 Request { window: Window { x0: 7, y0: 5, x1: 8, y1: 6 }, block, replicates: description.replicates(), start: None };

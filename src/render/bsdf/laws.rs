@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 
 use crate::light::fresnel::Boundary;
 use crate::math::elementary;
@@ -22,8 +22,7 @@ fn description(text: &str) -> BsdfDescription {
 }
 
 fn bsdf_drawn_by(text: &str, directions: DirectionSampling) -> Bsdf {
-    let point = TexturePoint { uv: Vec2::ZERO, position: Vec3::ZERO };
-    Material::new(&description(text), directions).unwrap().at(&point)
+    Material::new(&description(text), directions).unwrap().at(&TexturePoint::ANYWHERE)
 }
 
 fn bsdf(text: &str) -> Bsdf {

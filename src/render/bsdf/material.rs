@@ -1,7 +1,5 @@
 //! The BSDF of a shape as a scene holds it: checked, and with textures for parameters.
 
-use glam::{Vec2, Vec3};
-
 use crate::render::bsdf::conductor::ConductorMaterial;
 use crate::render::bsdf::dielectric::DielectricMaterial;
 use crate::render::bsdf::diffuse::DiffuseMaterial;
@@ -10,7 +8,9 @@ use crate::render::bsdf::plastic::PlasticMaterial;
 use crate::render::bsdf::rough_conductor::RoughConductorMaterial;
 use crate::render::bsdf::rough_dielectric::RoughDielectricMaterial;
 use crate::render::bsdf::{Bsdf, BsdfDescription, BsdfError, DirectionSampling, Lobe, Sides};
+use crate::render::ray::Surface;
 use crate::render::texture::TexturePoint;
+use crate::render::texture::parameter::{Pictures, Unread};
 
 /// The BSDF of a shape: ask it at a hit for the [`Bsdf`] there.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,13 +34,27 @@ enum MaterialKind {
 }
 
 impl Material {
-    /// Checks a description; `directions` says how directions are drawn where the BSDF leaves a choice.
+    /// Checks a description, of which no files are read; `directions` says how directions are drawn where the BSDF leaves a choice.
     pub fn new(description: &BsdfDescription, directions: DirectionSampling) -> Result<Self, BsdfError> {
-        let (kind, sides) = MaterialKind::new(description)?;
+        Self::with_pictures(description, directions, &Unread)
+    }
+
+    /// Checks a description whose textures have those pictures.
+    pub fn with_pictures(
+        description: &BsdfDescription,
+        directions: DirectionSampling,
+        pictures: &dyn Pictures,
+    ) -> Result<Self, BsdfError> {
+        let (kind, sides) = MaterialKind::new(description, pictures)?;
         let material = Self { kind, sides, directions, constant: None };
-        let anywhere = TexturePoint { uv: Vec2::ZERO, position: Vec3::ZERO };
-        let constant = material.kind.is_constant().then(|| material.at(&anywhere));
+        let constant = material.kind.is_constant().then(|| material.at(&TexturePoint::ANYWHERE));
         Ok(Self { constant, ..material })
+    }
+
+    /// What it is at that point of a surface.
+    #[inline]
+    pub fn on(&self, surface: &Surface) -> Bsdf {
+        self.constant.unwrap_or_else(|| self.at(&TexturePoint::of(surface)))
     }
 
     /// What it is at that point.
@@ -56,15 +70,15 @@ impl Material {
 }
 
 impl MaterialKind {
-    fn new(description: &BsdfDescription) -> Result<(Self, Sides), BsdfError> {
+    fn new(description: &BsdfDescription, pictures: &dyn Pictures) -> Result<(Self, Sides), BsdfError> {
         Ok(match description {
-            BsdfDescription::Diffuse(it) => (Self::Diffuse(DiffuseMaterial::new(it)), Sides::of_opaque(it.one_sided)),
-            BsdfDescription::Mirror(it) => (Self::Mirror(MirrorMaterial::new(it)), Sides::of_opaque(it.one_sided)),
-            BsdfDescription::Dielectric(it) => (Self::Dielectric(DielectricMaterial::new(it)), Sides::Own),
-            BsdfDescription::Conductor(it) => (Self::Conductor(ConductorMaterial::new(it)?), Sides::of_opaque(it.one_sided)),
-            BsdfDescription::RoughConductor(it) => (Self::RoughConductor(RoughConductorMaterial::new(it)?), Sides::of_opaque(it.one_sided)),
-            BsdfDescription::RoughDielectric(it) => (Self::RoughDielectric(RoughDielectricMaterial::new(it)?), Sides::Own),
-            BsdfDescription::Plastic(it) => (Self::Plastic(PlasticMaterial::new(it)), Sides::of_opaque(it.one_sided)),
+            BsdfDescription::Diffuse(it) => (Self::Diffuse(DiffuseMaterial::new(it, pictures)?), Sides::of_opaque(it.one_sided)),
+            BsdfDescription::Mirror(it) => (Self::Mirror(MirrorMaterial::new(it, pictures)?), Sides::of_opaque(it.one_sided)),
+            BsdfDescription::Dielectric(it) => (Self::Dielectric(DielectricMaterial::new(it, pictures)?), Sides::Own),
+            BsdfDescription::Conductor(it) => (Self::Conductor(ConductorMaterial::new(it, pictures)?), Sides::of_opaque(it.one_sided)),
+            BsdfDescription::RoughConductor(it) => (Self::RoughConductor(RoughConductorMaterial::new(it, pictures)?), Sides::of_opaque(it.one_sided)),
+            BsdfDescription::RoughDielectric(it) => (Self::RoughDielectric(RoughDielectricMaterial::new(it, pictures)?), Sides::Own),
+            BsdfDescription::Plastic(it) => (Self::Plastic(PlasticMaterial::new(it, pictures)?), Sides::of_opaque(it.one_sided)),
         })
     }
 

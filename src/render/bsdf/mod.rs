@@ -37,6 +37,7 @@ use crate::render::bsdf::mirror::{Mirror, MirrorParameters};
 use crate::render::bsdf::plastic::{Plastic, PlasticParameters};
 use crate::render::bsdf::rough_conductor::{RoughConductor, RoughConductorParameters};
 use crate::render::bsdf::rough_dielectric::{RoughDielectric, RoughDielectricParameters};
+use crate::render::texture::bitmap::TexelError;
 
 /// How a surface scatters light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -70,6 +71,9 @@ pub enum BsdfError {
     /// A boundary between equal media, of which microfacets bend no light.
     #[error("a rough boundary with `eta: {0}` bends no light: take an `eta` below 0.999 or above 1.001, or `dielectric`")]
     IndexMatched(f64),
+    /// A picture with values that the parameter may not have.
+    #[error(transparent)]
+    Texel(#[from] TexelError),
 }
 
 impl BsdfError {
@@ -78,6 +82,7 @@ impl BsdfError {
         match self {
             Self::MetalTwice(name) | Self::MetalMissing(name) => name,
             Self::IndexMatched(_) => "eta",
+            Self::Texel(_) => "path",
         }
     }
 }

@@ -73,12 +73,10 @@ mod tests {
     use crate::render::bsdf::material::Material;
     use crate::render::bsdf::{BsdfDescription, DirectionSampling};
     use crate::render::texture::TexturePoint;
-    use glam::Vec2;
 
     fn bsdf(json: &str) -> Bsdf {
         let description: BsdfDescription = serde_json::from_str(json).unwrap();
-        let point = TexturePoint { uv: Vec2::ZERO, position: Vec3::ZERO };
-        Material::new(&description, DirectionSampling::Bsdf).unwrap().at(&point)
+        Material::new(&description, DirectionSampling::Bsdf).unwrap().at(&TexturePoint::ANYWHERE)
     }
 
     fn bsdfs() -> [Bsdf; 3] {

@@ -142,7 +142,7 @@ impl Lights {
                 if direction.dot(sample.normal) >= 0.0 {
                     return None;
                 }
-                let radiance = radiance.at(&TexturePoint { uv: sample.uv.into(), position: sample.position });
+                let radiance = radiance.at(&TexturePoint::at(sample.uv, sample.position));
                 let pdf = sample.pdf * probability;
                 Some(LightSample { direction, radiance, pdf, is_delta: false, target: Some(sample.position) })
             }
@@ -175,7 +175,7 @@ impl Lights {
             return None;
         }
         match &self.sources[light as usize] {
-            Source::Area { radiance, .. } => Some(radiance.at(&TexturePoint { uv: surface.uv.into(), position: surface.position })),
+            Source::Area { radiance, .. } => Some(radiance.at(&TexturePoint::at(surface.uv, surface.position))),
             _ => None,
         }
     }
@@ -239,21 +239,11 @@ impl Source {
         let radius = if radius.is_finite() { radius } else { 1.0 };
         match self {
             Self::Environment(environment) => 4.0 * PI * PI * radius * radius * environment.mean_luminance(),
-            Self::Area { shape, radiance } => PI * geometry.area(*shape) * luminance(mean(radiance)),
+            Self::Area { shape, radiance } => PI * geometry.area(*shape) * luminance(radiance.mean()),
             Self::Point { intensity, .. } => 4.0 * PI * luminance(*intensity),
             Self::Directional { irradiance, .. } => PI * radius * radius * luminance(*irradiance),
         }
     }
-}
-
-/// Mean of a texture over the unit square, by points on a grid.
-fn mean(texture: &Texture<Vec3>) -> Vec3 {
-    const SIDE: u32 = 16;
-    let at = |k: u32| {
-        let [x, y] = [k % SIDE, k / SIDE].map(|step| (step as f32 + 0.5) / SIDE as f32);
-        texture.at(&TexturePoint { uv: [x, y].into(), position: Vec3::ZERO })
-    };
-    texture.constant().unwrap_or_else(|| (0..SIDE * SIDE).map(at).sum::<Vec3>() / (SIDE * SIDE) as f32)
 }
 
 #[cfg(test)]

@@ -79,7 +79,7 @@ pub struct DirectionalParameters {
 }
 
 /// Light of a shape.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ShapeEmitter {
     /// The surface shines on the side of its normal.
@@ -87,7 +87,7 @@ pub enum ShapeEmitter {
 }
 
 /// The surface shines on the side of its normal.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AreaParameters {
     /// Radiance, alike in all directions: a number, `[r, g, b]` or a texture.

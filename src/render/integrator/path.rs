@@ -21,7 +21,6 @@ use crate::render::integrator::Strategy;
 use crate::render::ray::{Ray, Surface};
 use crate::render::sampler::{Numbers, unit};
 use crate::render::scene::compiled::Scene;
-use crate::render::texture::TexturePoint;
 
 /// Numbers of the camera: the place on the film, the place on the lens.
 pub const CAMERA_SETS: u32 = 2;
@@ -152,8 +151,7 @@ impl Transporter {
             let surface = scene.geometry.surface(&ray, &hit);
             radiance += self.limited(throughput * self.emission(scene, &ray, &surface, origin), depth);
             let outgoing = -ray.direction;
-            let point = TexturePoint { uv: surface.uv.into(), position: surface.position };
-            let bsdf = scene.material_of(surface.shape).at(&point);
+            let bsdf = scene.material_of(surface.shape).on(&surface);
             if depth == 0 {
                 first = FirstHit::of(&surface, outgoing, bsdf.albedo(), hit.distance);
             }

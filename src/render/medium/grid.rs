@@ -41,7 +41,7 @@ impl GridParameters {
     /// The parameter that cannot be used with the others.
     pub fn contradiction(&self) -> Option<(&'static str, String)> {
         match (&self.path, &self.values) {
-            (None, None) => Some(("", "the grid needs the `path` of a file, or `values`".to_owned())),
+            (None, None) => Some(("", GridError::Missing.to_string())),
             (Some(_), Some(_)) => Some(("values", "`path` and `values` both give the densities".to_owned())),
             (None, Some(_)) => self.own_voxels()?.err().map(|error| ("values", error.to_string())),
             (Some(_), None) => None,
@@ -62,6 +62,9 @@ impl GridParameters {
 /// What is wrong with voxels.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GridError {
+    /// None at all.
+    #[error("the grid needs the `path` of a file, or `values`")]
+    Missing,
     /// Lists of different lengths.
     #[error("the lists of `values` must have the same length within each other")]
     Uneven,

@@ -31,7 +31,7 @@ const PLACE: Place = Place {
 fn medium(text: &str) -> Medium {
     let text = serde_yaml::Deserializer::from_str(text);
     let description: MediumDescription = serde_yaml::with::singleton_map_recursive::deserialize(text).unwrap();
-    Medium::new(&description, &PLACE, |_| Err(MediumError::from(GridError::Uneven))).unwrap()
+    Medium::new(&description, &PLACE, None).unwrap()
 }
 
 /// Through the middle, along the floor, upwards and slanted; with the stretch that lies in the cube.

@@ -30,6 +30,7 @@ use crate::render::medium::homogeneous::HomogeneousParameters;
 use crate::render::medium::phase::{Phase, PhaseDescription};
 use crate::render::ray::Ray;
 use crate::render::sampler::Further;
+use crate::render::scene_file::SceneFile;
 use crate::render::shape::bvh::Bounds;
 use crate::render::texture::value::{Color, Limits, Number, Share, Value};
 
@@ -52,6 +53,14 @@ impl MediumDescription {
             Self::Homogeneous(_) => "homogeneous",
             Self::Exponential(_) => "exponential",
             Self::Grid(_) => "grid",
+        }
+    }
+
+    /// The file that it names.
+    pub fn file(&self) -> Option<&SceneFile> {
+        match self {
+            Self::Homogeneous(_) | Self::Exponential(_) => None,
+            Self::Grid(grid) => grid.path.as_ref(),
         }
     }
 
@@ -158,20 +167,16 @@ const STEP_LIMIT: f64 = 1e5;
 const ROULETTE_SHARE: f64 = 0.1;
 
 impl Medium {
-    /// What fills a shape; `load` gives the voxels that a grid's file holds.
-    pub fn new<E: From<MediumError>>(
-        description: &MediumDescription,
-        place: &Place,
-        load: impl FnOnce(&GridParameters) -> Result<Arc<Voxels>, E>,
-    ) -> Result<Self, E> {
+    /// What fills a shape, with the voxels that its file holds, if it names one.
+    pub fn new(description: &MediumDescription, place: &Place, voxels: Option<Voxels>) -> Result<Self, MediumError> {
         let (sigma_t, albedo, phase, density) = match description {
             MediumDescription::Homogeneous(it) => (it.sigma_t, it.albedo, it.phase, Density::Homogeneous),
             MediumDescription::Exponential(it) => {
                 (it.sigma_t, it.albedo, it.phase, Density::Exponential(Exponential::new(it, &place.bounds)))
             }
             MediumDescription::Grid(it) => {
-                let voxels = it.own_voxels().map_or_else(|| load(it), |own| own.map(Arc::new).map_err(|error| E::from(error.into())))?;
-                (it.sigma_t, it.albedo, it.phase, Density::Grid(Grid::new(voxels, place)))
+                let voxels = voxels.map(Ok).or_else(|| it.own_voxels()).unwrap_or(Err(GridError::Missing))?;
+                (it.sigma_t, it.albedo, it.phase, Density::Grid(Grid::new(Arc::new(voxels), place)))
             }
         };
         Ok(Self { sigma_t: sigma_t.value(), albedo: albedo.inner(), phase: phase.compiled(), density })
