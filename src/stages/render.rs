@@ -44,7 +44,7 @@ pub struct Render {
     /// Meshes that shapes name by `mesh: { of: NAME }`, so that they can come from other stages.
     #[serde(default)]
     pub meshes: BTreeMap<String, Port<Mesh>>,
-    /// The scene: its parameters, or the path of a YAML file that holds them.
+    /// The scene: its parameters, or the path of a file that holds them: YAML, or a scene of Mitsuba 3 or Nori (`.xml`).
     pub scene: Section<SceneDescription>,
     /// Another seed gives another, equally good picture; by default the pipeline's.
     #[serde(default)]

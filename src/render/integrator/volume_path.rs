@@ -24,7 +24,6 @@ use crate::render::medium::media::Collision;
 use crate::render::ray::Ray;
 use crate::render::sampler::{Numbers, unit};
 use crate::render::scene::compiled::Scene;
-use crate::render::texture::TexturePoint;
 
 /// Light along paths of any length, through media too.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -134,8 +133,8 @@ impl Transporter {
         }
         let surface = hit.as_ref().map(|hit| (scene.geometry.surface(&path.ray, hit), hit.distance));
         if depth == 0 && let Some((surface, distance)) = &surface {
-            let point = TexturePoint { uv: surface.uv.into(), position: surface.position };
-            *first = FirstHit::of(surface, -path.ray.direction, scene.material_of(surface.shape).at(&point).albedo(), *distance);
+            let albedo = scene.material_of(surface.shape).on(surface).albedo();
+            *first = FirstHit::of(surface, -path.ray.direction, albedo, *distance);
         }
         let flight = Ray { reach: hit.map_or(f32::INFINITY, |hit| hit.distance), ..path.ray };
         let u = f64::from(numbers.bits(FLIGHT_SETS + depth)[0]) * OF_32_BITS;
@@ -153,8 +152,7 @@ impl Transporter {
         if depth == self.max_depth {
             return false;
         }
-        let point = TexturePoint { uv: surface.uv.into(), position: surface.position };
-        let bsdf = scene.material_of(surface.shape).at(&point);
+        let bsdf = scene.material_of(surface.shape).on(&surface);
         let shading = Shading::new(bsdf, &surface.frame, surface.normal, -path.ray.direction);
         if !bsdf.is_delta() {
             let vertex = OnSurface { surface: &surface, shading: &shading };
