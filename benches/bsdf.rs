@@ -12,10 +12,11 @@ fn main() {
     divan::main();
 }
 
-fn bsdf(text: &str) -> Bsdf {
+fn bsdf(text: &str) -> Bsdf<'static> {
     let json: serde_json::Value = serde_yaml::from_str(text).expect("an example");
     let description: BsdfDescription = serde_json::from_value(json).expect("an example");
-    Material::new(&description, DirectionSampling::Bsdf).expect("an example").at(&TexturePoint::ANYWHERE)
+    let material = Material::new(&description, DirectionSampling::Bsdf).expect("an example");
+    Box::leak(Box::new(material)).at(&TexturePoint::ANYWHERE)
 }
 
 /// Directions above the surface and numbers, so that no branch is foretold.

@@ -15,11 +15,19 @@ First steps:
   pipeline init first          write first.yaml, a small pipeline with comments
   pipeline run first.yaml      compute it; results appear in outputs/first/
   pipeline plan first.yaml     after a change: what would run again, and why
-  pipeline stages              the kinds of stages; `pipeline stages sample` shows one
+  pipeline stages              the kinds of stages; `pipeline stages sample` shows one with an example
+  pipeline completions bash    Tab completes commands, options and files; see its --help
 
-RUN, in the commands below, is a run id, a run's folder, a manifest or the name of a pipeline (its latest run).
-Exit codes: 0 done; 1 a job failed, or no origin found; 2 the pipeline file, the command line or a named input is wrong;
-3 the system failed (disk, permission); 4 verify or diff found a difference; 130 and 143 interrupted.";
+RUN, in the commands above, is a run id, a run's folder, a manifest or the
+name of a pipeline (the run whose results stand).
+
+Exit codes:
+  0    done
+  1    a job failed, or no origin found
+  2    the pipeline file, the command line or a named input is wrong
+  3    the system failed (disk, permission)
+  4    verify or diff found a difference
+  130  interrupted (143: terminated)";
 
 /// A declarative batch pipeline for image-based lighting.
 #[derive(Debug, Parser)]
@@ -41,8 +49,8 @@ pub enum Command {
     Check(CheckCommand),
     /// List the kinds of stages, or show one with every parameter
     Stages(StagesCommand),
-    /// Print the JSON Schema of pipeline files, for editors
-    Schema,
+    /// Print the JSON Schema of pipeline files, for editors, or of manifests
+    Schema(SchemaCommand),
     /// Show what an image file holds
     Info(InfoCommand),
     /// Convert an image file to another format
@@ -195,6 +203,13 @@ impl MachineArguments {
 
 /// Arguments of `run`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline run light.yaml                          compute what the store lacks
+  pipeline run light.yaml -s map=sky.hdr -a n=16,64   with another map and another sweep
+  pipeline run light.yaml --only 'sphere[n=64]'     one result and what it needs
+  pipeline run light.yaml -k -j 4 --memory 2GiB     go on after a failure, on 4 threads
+  pipeline run light.yaml --format json | jq .measured")]
 pub struct RunCommand {
     /// What `plan` asks too.
     #[command(flatten)]
@@ -218,6 +233,12 @@ pub struct RunCommand {
 
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline plan light.yaml                    a line per stage: how many jobs, over which axes, why
+  pipeline plan light.yaml -v                 a line per job
+  pipeline plan light.yaml -s gamma=1.8       what a change would cost
+  pipeline plan light.yaml --format dot | dot -Tsvg > light.svg")]
 pub struct PlanCommand {
     /// What `run` asks too.
     #[command(flatten)]
@@ -243,6 +264,10 @@ pub enum PlanFormat {
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline check light.yaml
+  pipeline check light.yaml --format json | jq '.diagnostics[].message'")]
 pub struct CheckCommand {
     /// Which pipeline.
     #[command(flatten)]
@@ -267,13 +292,44 @@ pub enum Format {
 
 /// Arguments of `stages`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline stages             all kinds, a line each
+  pipeline stages relight     an example and every parameter of one")]
 pub struct StagesCommand {
     /// The kind to show
     pub kind: Option<String>,
 }
 
+/// Arguments of `schema`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline schema > pipeline.schema.json
+  # In an editor with the YAML language server, the first line of a pipeline file is then
+  # yaml-language-server: $schema=pipeline.schema.json")]
+pub struct SchemaCommand {
+    /// The files that it describes
+    #[arg(value_enum, default_value_t)]
+    pub of: SchemaOf,
+}
+
+/// What a schema describes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum SchemaOf {
+    /// Pipeline files
+    #[default]
+    Pipeline,
+    /// The records of runs
+    Manifest,
+}
+
 /// Arguments of `info`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline info sky.hdr
+  pipeline info sphere.exr --format json")]
 pub struct InfoCommand {
     /// The image file
     pub file: PathBuf,
@@ -284,6 +340,10 @@ pub struct InfoCommand {
 
 /// Arguments of `convert`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline convert sky.hdr sky.exr
+  pipeline convert sphere.pfm sphere.npy")]
 pub struct ConvertCommand {
     /// The image file to read; its format is found by its content
     pub input: PathBuf,
@@ -293,6 +353,10 @@ pub struct ConvertCommand {
 
 /// Arguments of `verify`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline verify light                                    the run whose results stand
+  pipeline verify outputs/light/runs/20260101T120000Z-ab12cd --inputs maps")]
 pub struct VerifyCommand {
     /// The run: its id, its folder, its manifest, or the name of a pipeline (its latest run)
     pub run: String,
@@ -316,6 +380,10 @@ pub struct VerifyCommand {
 
 /// Arguments of `diff`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline diff before/light after/light
+  pipeline diff light outputs/light/runs/20260101T120000Z-ab12cd --images difference")]
 pub struct DiffCommand {
     /// The first run: its id, its folder, its manifest, or the name of a pipeline (its latest run)
     pub first: String,
@@ -343,6 +411,10 @@ pub struct DiffCommand {
 
 /// Arguments of `which`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline which outputs/light/map.png
+  pipeline which figure-from-a-mail.pdf")]
 pub struct WhichCommand {
     /// A file that a pipeline published, or a copy of one
     pub file: PathBuf,
@@ -370,6 +442,9 @@ pub struct WatchCommand {
 
 /// Arguments of `init`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline init night && pipeline run night.yaml")]
 pub struct InitCommand {
     /// Name of the pipeline; the file is NAME.yaml in the working folder
     #[arg(default_value = "first")]
@@ -402,6 +477,19 @@ pub struct ManCommand {
     /// Write all pages into this folder instead
     #[arg(long, value_name = "DIR")]
     pub dir: Option<PathBuf>,
+    /// Form of the pages
+    #[arg(long, value_enum, default_value_t, requires = "dir")]
+    pub format: ManFormat,
+}
+
+/// Form of the manual.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum ManFormat {
+    /// For `man`
+    #[default]
+    Roff,
+    /// The reference of the book: the commands, the kinds, scenes, the fields of files, manifests
+    Markdown,
 }
 
 /// Arguments of `store`.
@@ -428,6 +516,10 @@ pub struct StoreArguments {
 
 /// Arguments of `store gc`.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline store gc --older-than 30d --dry-run
+  pipeline store gc --max-size 10GiB --keep-last 5")]
 pub struct GcCommand {
     /// Which store.
     #[command(flatten)]

@@ -1,7 +1,7 @@
 //! `pipeline stages` and `pipeline schema`: the manual of the kinds, and the schema for editors.
 
 use super::Ending;
-use super::arguments::StagesCommand;
+use super::arguments::{SchemaCommand, SchemaOf, StagesCommand};
 use super::screen::{Screen, json_text};
 use crate::engine::manual;
 use crate::stages::registry;
@@ -21,7 +21,11 @@ pub fn stages(command: &StagesCommand, screen: &Screen) -> Ending {
     }
 }
 
-/// Prints the JSON Schema of pipeline files.
-pub fn schema(screen: &Screen) -> Ending {
-    screen.print(&json_text(&manual::schema(&registry())))
+/// Prints the JSON Schema of pipeline files or of manifests.
+pub fn schema(command: &SchemaCommand, screen: &Screen) -> Ending {
+    let schema = match command.of {
+        SchemaOf::Pipeline => manual::schema(&registry()),
+        SchemaOf::Manifest => manual::manifest_schema(),
+    };
+    screen.print(&json_text(&schema))
 }

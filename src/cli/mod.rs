@@ -73,7 +73,7 @@ fn execute(arguments: Arguments, screen: &Screen) -> Ending {
         Command::Plan(command) => plan::plan(&command.work, command.format, screen),
         Command::Check(command) => check::check(&command, screen),
         Command::Stages(command) => manual::stages(&command, screen),
-        Command::Schema => manual::schema(screen),
+        Command::Schema(command) => manual::schema(&command, screen),
         Command::Info(command) => images::info(&command, screen),
         Command::Convert(command) => images::convert(&command, screen),
         Command::Verify(command) => verify::verify(&command, screen),

@@ -3,10 +3,10 @@
 //! Jobs of a stage with the same outcome and reason share a line; where that is still too long to read, stages
 //! with the same outcome and reason do.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::engine::diagnostic::escape;
-use crate::engine::manifest::Outcome;
+use crate::engine::manifest::{JobEntry, Outcome};
 
 /// Columns of a terminal that is not asked for its width.
 const WIDTH: usize = 80;
@@ -15,7 +15,7 @@ const WIDTH: usize = 80;
 const NAME_WIDTH: usize = 24;
 
 /// More lines than this are gathered by reason.
-const LINE_COUNT: usize = 24;
+const LINE_COUNT: usize = 40;
 
 /// Jobs by outcome, in the order of the outcomes.
 pub type Counts = BTreeMap<Outcome, usize>;
@@ -42,29 +42,49 @@ pub struct Outcomes {
 struct Stage {
     name: String,
     total: usize,
+    /// The values seen on each axis, in the order of the axes.
+    axes: Vec<(String, BTreeSet<String>)>,
     /// Jobs by outcome and reason, in the order in which they came; without hits.
     groups: Vec<(Outcome, String, usize)>,
 }
 
-/// A line: the name (empty where it is that of the line above), how many jobs, what and why.
+/// A line: the name (empty where it is that of the line above), how many jobs, over which axes, what and why.
 struct Line {
     name: String,
     count: String,
+    axes: String,
     outcome: Outcome,
     reason: String,
 }
 
 impl Outcomes {
+    /// Takes a planned job in, with its place on each axis.
+    pub fn add_planned(&mut self, job: &JobEntry) {
+        self.add(&job.stage, job.outcome, &job.reason);
+        let place = self.place_of(&job.stage);
+        let axes = &mut self.stages[place].axes;
+        for (axis, value) in job.coordinate.as_object().into_iter().flatten() {
+            let known = axes.iter().position(|(name, _)| name == axis).unwrap_or_else(|| {
+                axes.push((axis.clone(), BTreeSet::new()));
+                axes.len() - 1
+            });
+            axes[known].1.insert(value.to_string());
+        }
+    }
+
+    /// Number of a stage.
+    fn place_of(&mut self, stage: &str) -> usize {
+        if let Some(place) = self.places.get(stage) {
+            return *place;
+        }
+        self.stages.push(Stage { name: stage.to_owned(), total: 0, axes: Vec::new(), groups: Vec::new() });
+        self.places.insert(stage.to_owned(), self.stages.len() - 1);
+        self.stages.len() - 1
+    }
+
     /// Takes a job in.
     pub fn add(&mut self, stage: &str, outcome: Outcome, reason: &str) {
-        let place = match self.places.get(stage) {
-            Some(place) => *place,
-            None => {
-                self.stages.push(Stage { name: stage.to_owned(), total: 0, groups: Vec::new() });
-                self.places.insert(stage.to_owned(), self.stages.len() - 1);
-                self.stages.len() - 1
-            }
-        };
+        let place = self.place_of(stage);
         let stage = &mut self.stages[place];
         stage.total += 1;
         if outcome == Outcome::Hit {
@@ -107,6 +127,7 @@ impl Outcomes {
             stage.groups.iter().enumerate().map(|(index, (outcome, reason, count))| Line {
                 name: if index == 0 { cut(&stage.name, NAME_WIDTH) } else { String::new() },
                 count: if *count == stage.total { count.to_string() } else { format!("{count} of {}", stage.total) },
+                axes: if index == 0 { axes_text(&stage.axes) } else { String::new() },
                 outcome: *outcome,
                 reason: reason.clone(),
             })
@@ -133,6 +154,7 @@ impl Outcomes {
         let line = |(outcome, reason, names, count): (Outcome, String, Vec<&str>, usize)| Line {
             name: some(&names, NAME_WIDTH),
             count: count.to_string(),
+            axes: String::new(),
             outcome,
             reason,
         };
@@ -140,16 +162,29 @@ impl Outcomes {
     }
 }
 
+/// `9 n x 8 run`: how many values on each axis.
+fn axes_text(axes: &[(String, BTreeSet<String>)]) -> String {
+    let texts: Vec<String> = axes.iter().map(|(axis, values)| format!("{} {}", values.len(), escape(axis))).collect();
+    texts.join(" x ")
+}
+
+/// Columns that reasons have at least, beside the axes.
+const LEAST_WHY: usize = 26;
+
 fn table(lines: &[Line]) -> String {
     let widest = |text: fn(&Line) -> &str| lines.iter().map(|line| text(line).chars().count()).max().unwrap_or(0);
     let names = widest(|line| &line.name).max("stage".len());
     let counts = widest(|line| &line.count).max("jobs".len());
     let outcomes = widest(|line| line.outcome.word());
-    let indent = names + counts + outcomes + 5;
-    let mut text = format!("{:names$}  {:>counts$}  {:outcomes$} why\n", "stage", "jobs", "");
+    let axes = widest(|line| &line.axes).min(WIDTH - names - counts - outcomes - 7 - LEAST_WHY);
+    let over = if axes > 0 { axes + 2 } else { 0 };
+    let indent = names + counts + over + outcomes + 5;
+    let heading = if axes > 0 { "axes" } else { "" };
+    let mut text = format!("{:names$}  {:>counts$}  {heading:over$}{:outcomes$} why\n", "stage", "jobs", "");
     for line in lines {
         let reason = wrapped(&escape(&line.reason), WIDTH - indent);
-        let first = format!("{:names$}  {:>counts$}  {:outcomes$} {}", line.name, line.count, line.outcome.word(), reason[0]);
+        let axes = cut(&line.axes, axes);
+        let first = format!("{:names$}  {:>counts$}  {axes:over$}{:outcomes$} {}", line.name, line.count, line.outcome.word(), reason[0]);
         text += &format!("{}\n", first.trim_end());
         text.extend(reason[1..].iter().map(|rest| format!("{:1$}{rest}\n", "", indent)));
     }
@@ -211,6 +246,31 @@ curve       1  maybe waits for ldr
 nothing to do for 1 stage: env
 ";
         assert_eq!(outcomes.text(), expected);
+    }
+
+    #[test]
+    fn the_axes_of_a_sweep_stand_with_its_jobs() {
+        let axes = |axes: &[(&str, usize)]| -> Vec<(String, BTreeSet<String>)> {
+            axes.iter().map(|(name, count)| ((*name).to_owned(), (0..*count).map(|value| value.to_string()).collect())).collect()
+        };
+        let line = |name: &str, axes: String| Line {
+            name: name.into(),
+            count: "216".into(),
+            axes,
+            outcome: Outcome::Run,
+            reason: "never ran".into(),
+        };
+        let some = axes_text(&axes(&[("n", 9), ("method", 3), ("run", 8)]));
+        let text = table(&[line("sphere", some), line("env", String::new())]);
+        let expected = "\
+stage   jobs  axes                        why
+sphere   216  9 n x 3 method x 8 run  run never ran
+env      216                          run never ran
+";
+        assert_eq!(text, expected);
+        let many = axes_text(&axes(&[("a-long-name-of-an-axis", 9); 9]));
+        let long = table(&[line(&"s".repeat(NAME_WIDTH), many)]);
+        assert!(long.lines().all(|line| line.chars().count() <= WIDTH) && long.contains("9 a-long"), "{long}");
     }
 
     #[test]

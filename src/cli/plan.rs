@@ -55,7 +55,7 @@ fn headline(pipeline: &str, jobs: &[JobEntry]) -> String {
 /// A line per stage and reason.
 fn stage_lines(pipeline: &str, jobs: &[JobEntry]) -> String {
     let mut outcomes = Outcomes::default();
-    jobs.iter().for_each(|job| outcomes.add(&job.stage, job.outcome, &job.reason));
+    jobs.iter().for_each(|job| outcomes.add_planned(job));
     headline(pipeline, jobs) + &outcomes.text()
 }
 

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle};
 
 use super::arguments::TalkArguments;
-use super::outcomes::Outcomes;
+use super::outcomes::{Outcomes, cut};
 use super::screen::Screen;
 use crate::engine::diagnostic::escape;
 use crate::engine::events::Event;
@@ -41,11 +41,15 @@ struct Board {
     total: usize,
     /// Those of the done that took time.
     ran: usize,
+    /// Those of the done whose result was in the store.
+    reused: usize,
     running: Vec<RunningJob>,
 }
 
 struct RunningJob {
     name: String,
+    /// Why it runs.
+    reason: String,
     permille: Arc<AtomicU32>,
     since: Instant,
 }
@@ -78,8 +82,8 @@ impl Progress {
                     self.screen.say(&format!("{jobs} jobs, {hits} of them in the store\n"));
                 }
             }
-            Event::Started { job, progress, .. } => {
-                let running = RunningJob { name: job.clone(), permille: progress.clone(), since: Instant::now() };
+            Event::Started { job, reason, progress } => {
+                let running = RunningJob { name: job.clone(), reason: reason.clone(), permille: progress.clone(), since: Instant::now() };
                 self.board.lock().expect(NO_PANIC).running.push(running);
                 if self.screen.is_terminal && self.painter.is_none() {
                     self.start_painter();
@@ -89,6 +93,7 @@ impl Progress {
                 let mut board = self.board.lock().expect(NO_PANIC);
                 board.done = *done;
                 board.ran += usize::from(*outcome == Outcome::Ran);
+                board.reused += usize::from(*outcome == Outcome::Hit);
                 board.running.retain(|running| running.name != *job);
                 drop(board);
                 if self.screen.is_terminal {
@@ -172,15 +177,16 @@ fn paint(board: &Mutex<Board>, is_over: &AtomicBool, rows: usize) {
     let _ = bars.clear();
 }
 
-/// How long it has taken and, once that can be guessed, how long it will still take.
+/// How many results were there already, how long it has taken and, once that can be guessed, how long it will still take.
 fn time_text(board: &Board, elapsed: Duration) -> String {
     let seconds = elapsed.as_secs_f64();
+    let reused = if board.reused > 0 { format!("{} reused, ", board.reused) } else { String::new() };
     // Jobs differ in cost: of a few of them nothing can be said.
     if board.ran < GUESS_COUNT || board.done >= board.total {
-        return seconds_text(seconds);
+        return format!("{reused}{}", seconds_text(seconds));
     }
     let left = seconds * (board.total - board.done) as f64 / board.ran as f64;
-    format!("{}, about {} left", seconds_text(seconds), seconds_text(left))
+    format!("{reused}{}, about {} left", seconds_text(seconds), seconds_text(left))
 }
 
 fn seconds_text(seconds: f64) -> String {
@@ -194,10 +200,20 @@ fn seconds_text(seconds: f64) -> String {
 /// Longest name of a job in a row, so that the row ends before the edge of a terminal of 80 columns.
 const NAME_LENGTH: usize = 60;
 
+/// Width of a row beside its indent, on a terminal of 80 columns.
+const ROW_WIDTH: usize = 76;
+
+/// Shorter than this a reason says nothing.
+const LEAST_REASON: usize = 12;
+
+/// What runs, how far it is and for how long, and why as far as there is room.
 fn row_text(job: &RunningJob) -> String {
     let permille = job.permille.load(Ordering::Relaxed);
     let percent = if permille > 0 { format!("  {} %", permille / 10) } else { String::new() };
-    format!("{}{percent}  {}", shortened(&escape(&job.name)), seconds_text(job.since.elapsed().as_secs_f64()))
+    let row = format!("{}{percent}  {}", shortened(&escape(&job.name)), seconds_text(job.since.elapsed().as_secs_f64()));
+    let room = ROW_WIDTH.saturating_sub(row.chars().count() + 2);
+    let reason = escape(&job.reason);
+    if reason.is_empty() || room < LEAST_REASON { row } else { format!("{row}  {}", cut(&reason, room)) }
 }
 
 /// Beginning and end of a name that is too long: the coordinate at its end tells jobs of a stage apart.
@@ -218,18 +234,22 @@ mod tests {
     fn a_row_ends_before_the_edge_of_a_terminal() {
         let name = format!("stage[{}]", "axis=value,".repeat(20));
         let since = Instant::now().checked_sub(Duration::from_secs(5999)).unwrap_or_else(Instant::now);
-        let job = RunningJob { name, permille: Arc::new(AtomicU32::new(999)), since };
+        let reason = "parameter size 41 -> 43; ".repeat(9);
+        let mut job = RunningJob { name, reason, permille: Arc::new(AtomicU32::new(999)), since };
         let row = row_text(&job);
         assert!(row.chars().count() <= 74 && row.starts_with("stage[") && row.contains(",]  99 %"), "{row}");
+        job.name = "sphere[n=4]".into();
+        let row = row_text(&job);
+        assert!(row.chars().count() <= ROW_WIDTH && row.contains("99 min  parameter size 41 -> 43"), "{row}");
         assert_eq!(shortened("short"), "short");
     }
 
     #[test]
     fn the_time_left_is_guessed_from_several_jobs() {
-        let board = |ran, done, total| Board { done, total, ran, running: Vec::new() };
+        let board = |ran, done, total| Board { done, total, ran, reused: done - ran, running: Vec::new() };
         let text = |board: Board| time_text(&board, Duration::from_secs(10));
         assert_eq!(text(board(1, 1, 100)), "10 s");
-        assert_eq!(text(board(5, 55, 60)), "10 s, about 10 s left");
+        assert_eq!(text(board(5, 55, 60)), "50 reused, 10 s, about 10 s left");
         assert_eq!(text(board(10, 10, 10)), "10 s");
         assert_eq!((seconds_text(119.9), seconds_text(600.0), seconds_text(8000.0)), ("119 s".into(), "10 min".into(), "2 h".into()));
     }

@@ -5,9 +5,11 @@ use std::path::Path;
 use clap::CommandFactory;
 
 use super::Ending;
-use super::arguments::{Arguments, CompletionsCommand, ManCommand};
+use super::arguments::{Arguments, CompletionsCommand, ManCommand, ManFormat};
 use super::screen::Screen;
 use crate::engine::diagnostic::quoted;
+use crate::engine::manual;
+use crate::stages::registry;
 
 /// Prints the completions of a shell.
 pub fn completions(command: &CompletionsCommand, screen: &Screen) -> Ending {
@@ -19,7 +21,7 @@ pub fn completions(command: &CompletionsCommand, screen: &Screen) -> Ending {
 /// Prints a page of the manual, or writes all of them.
 pub fn man(command: &ManCommand, screen: &Screen) -> Ending {
     if let Some(folder) = &command.dir {
-        return write_all(folder, screen);
+        return write_all(folder, command.format, screen);
     }
     let program = program();
     let Some(name) = &command.command else { return screen.print(&page(&program)) };
@@ -51,15 +53,22 @@ fn page(command: &clap::Command) -> String {
     String::from_utf8_lossy(&text).into_owned()
 }
 
-fn write_all(folder: &Path, screen: &Screen) -> Ending {
+/// The pages of all commands for `man`, or all pages of the reference: names of files, and texts.
+fn all_pages(format: ManFormat) -> Vec<(String, String)> {
     let program = program();
-    let pages = program.get_subcommands().chain([&program]);
-    let written = std::fs::create_dir_all(folder).and_then(|()| {
-        pages.into_iter().try_for_each(|command| {
-            let path = folder.join(format!("{}.1", name_of(command)));
-            std::fs::write(path, page(command))
-        })
-    });
+    let commands = program.get_subcommands().chain([&program]);
+    match format {
+        ManFormat::Roff => commands.map(|command| (format!("{}.1", name_of(command)), page(command))).collect(),
+        ManFormat::Markdown => {
+            let pages = manual::pages(&registry()).into_iter().map(|page| (format!("{}.md", page.name), page.text));
+            pages.chain([("commands.md".to_owned(), commands_page(&program))]).collect()
+        }
+    }
+}
+
+fn write_all(folder: &Path, format: ManFormat, screen: &Screen) -> Ending {
+    let written = std::fs::create_dir_all(folder)
+        .and_then(|()| all_pages(format).iter().try_for_each(|(name, text)| std::fs::write(folder.join(name), text)));
     match written {
         Ok(()) => Ending::Done,
         Err(error) => {
@@ -67,6 +76,26 @@ fn write_all(folder: &Path, screen: &Screen) -> Ending {
             Ending::System
         }
     }
+}
+
+/// Columns of the help in the book.
+const HELP_WIDTH: usize = 100;
+
+/// The help of the program and of each command.
+fn commands_page(program: &clap::Command) -> String {
+    let mut text = format!("{}\n# The command line\n", manual::GENERATED);
+    for command in with_subcommands(program) {
+        let help = command.clone().term_width(HELP_WIDTH).render_long_help().to_string();
+        let lines: Vec<&str> = help.lines().map(str::trim_end).collect();
+        text += &format!("\n## {}\n\n```text\n{}\n```\n", name_of(&command).replace('-', " "), lines.join("\n").trim_end());
+    }
+    text
+}
+
+/// A command and all that stand below it, in the order of the help.
+fn with_subcommands(command: &clap::Command) -> Vec<clap::Command> {
+    let below = command.get_subcommands().flat_map(with_subcommands);
+    std::iter::once(command.clone()).chain(below).collect()
 }
 
 #[cfg(test)]

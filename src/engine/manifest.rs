@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
@@ -19,7 +20,7 @@ use super::schema::FieldPath;
 pub const SCHEMA: &str = "pipeline-manifest-1";
 
 /// How a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
     /// Every job has its result and every file is published.
@@ -31,7 +32,7 @@ pub enum Status {
 }
 
 /// What became of a job, or what is to become of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
     /// Its result was, or is, in the store.
@@ -66,15 +67,15 @@ impl Outcome {
 }
 
 /// The record of a run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Manifest {
-    /// See [`SCHEMA`].
+    /// Name and version of this form.
     pub schema: String,
     /// Name of the pipeline.
     pub pipeline: String,
     /// Unique name of the run, beginning with its time.
     pub run_id: String,
-    /// See [`result_id`].
+    /// Identity of the work: equal for equal results and equal files, wherever and however they were made.
     pub result_id: Digest,
     /// How it ended.
     pub status: Status,
@@ -104,7 +105,7 @@ pub struct Manifest {
 }
 
 /// A file of the pipeline's text.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SpecEntry {
     /// Path relative to the pipeline file's folder.
     pub path: String,
@@ -115,7 +116,7 @@ pub struct SpecEntry {
 }
 
 /// A job of a run or of a plan.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JobEntry {
     /// Name of the stage.
     pub stage: String,
@@ -155,7 +156,7 @@ pub struct JobEntry {
 }
 
 /// What a job cost.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JobMeasured {
     /// Time from start to result.
     pub seconds: f64,
@@ -164,7 +165,7 @@ pub struct JobMeasured {
 }
 
 /// A result on a port.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InputEntry {
     /// Name of the port.
     pub port: String,
@@ -177,7 +178,7 @@ pub struct InputEntry {
 }
 
 /// An input file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FileEntry {
     /// Name of the parameter.
     pub parameter: String,
@@ -188,7 +189,7 @@ pub struct FileEntry {
 }
 
 /// A result of a job.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OutputEntry {
     /// Empty for the first result.
     pub name: String,
@@ -202,7 +203,7 @@ pub struct OutputEntry {
 }
 
 /// A published file.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 pub struct PublishedEntry {
     /// Path below the pipeline's folder of outputs.
     pub path: String,
@@ -213,7 +214,7 @@ pub struct PublishedEntry {
 }
 
 /// A warning, said once for all jobs of a stage that gave it.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 pub struct WarningEntry {
     /// Name of the stage; empty where none is to blame.
     pub stage: String,
@@ -224,7 +225,7 @@ pub struct WarningEntry {
 }
 
 /// The program that ran.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Program {
     /// Its name.
     pub name: String,
@@ -243,7 +244,7 @@ impl Program {
 }
 
 /// The machine it ran on, without a name.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Machine {
     /// Operating system.
     pub system: String,
@@ -262,7 +263,7 @@ impl Machine {
 }
 
 /// Times and counts of a run.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Measured {
     /// When it began, UTC.
     pub started: String,
@@ -283,9 +284,9 @@ pub struct Measured {
 }
 
 /// What a run that changed nothing leaves: the name of the run whose results stand.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ShortManifest {
-    /// See [`SCHEMA`].
+    /// Name and version of this form.
     pub schema: String,
     /// Name of the pipeline.
     pub pipeline: String,

@@ -496,7 +496,11 @@ impl<'s> Walker<'_, 's> {
         }
         self.one_of(schema, entries, node, path);
         let required = schema.get("required").and_then(Json::as_array).into_iter().flatten().filter_map(Json::as_str);
-        for name in required.filter(|name| !entries.iter().any(|entry| &*entry.key == *name)) {
+        let is_there = |name: &str| entries.iter().any(|entry| &*entry.key == name);
+        // A misspelled key was reported as unknown, with what it was meant to be.
+        let unknown = || entries.iter().map(|entry| &*entry.key).filter(|key| !properties.contains_key(*key));
+        let is_misspelled = |name: &str| unknown().any(|key| nearest(key, properties.keys().map(String::as_str)) == Some(name));
+        for name in required.filter(|name| !is_there(name) && !is_misspelled(name)) {
             let field = path.with(Step::Field(name.to_owned()));
             let about = properties.get(name).and_then(|schema| summary(self.rules.root, schema));
             let hint = about.map(|about| format!("`{name}`: {about}"));
@@ -835,6 +839,8 @@ mod tests {
         }
         let found = issues("{ of: a, count: 1, exposure: atuo }");
         assert_eq!(found, ["`exposure` must be a number of at least 0 or `auto`, found text `atuo`; did you mean `auto`?"]);
+        let found = issues("{ of: a, exposure: 1, cuont: 1 }");
+        assert_eq!(found, ["unknown parameter `cuont` of `block`; did you mean `count`?"]);
         let found = issues("{ of: a, exposure: 1 }");
         assert_eq!(found, ["required parameter `count` of `block` is missing; `count`: How many. More text"]);
     }

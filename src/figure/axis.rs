@@ -218,9 +218,9 @@ fn logarithmic_ticks(span: Span, count: f64) -> Ticks {
     let [first, last] = [span.low, span.high].map(|bound| elementary::log10(bound).floor() as i32);
     let all = (first..=last).flat_map(|exponent| (1..10).map(move |digit| (digit, exponent)));
     let inside: Vec<(i32, i32)> = all.filter(|(digit, exponent)| span.contains(f64::from(*digit) * power_of_ten(*exponent))).collect();
-    // Powers of ten alone from two decades on; each second, third, … where there are many.
+    // Powers of ten alone from three decades on; each second, third, … where there are many.
     let stride = (decades / count.max(1.0)).ceil().max(1.0) as i32;
-    let digits: &[i32] = if decades >= 2.0 || count < 4.0 {
+    let digits: &[i32] = if decades >= 2.9 || count < 4.0 || count < 2.0 * decades {
         &[1]
     } else if decades >= 1.3 {
         &[1, 3]
@@ -260,6 +260,7 @@ pub fn unit_sign(unit: &str) -> String {
     match unit {
         "deg" => "°".into(),
         "1/sr" => "sr⁻¹".into(),
+        "1/deg" => "°⁻¹".into(),
         "W/m2" => "W/m²".into(),
         "percent" => "%".into(),
         other => other.into(),
@@ -303,6 +304,7 @@ mod tests {
         assert_eq!(labels(&logarithmic, 0.01, 10.0, 6.0, &[]), ["0.01", "0.1", "1", "10"]);
         assert_eq!(labels(&logarithmic, 1e-6, 1e-2, 6.0, &[]), ["10⁻⁶", "10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²"]);
         assert_eq!(labels(&logarithmic, 0.1, 1.0, 6.0, &[]), ["0.1", "0.2", "0.5", "1"]);
+        assert_eq!(labels(&logarithmic, 0.005, 0.9, 6.0, &[]), ["0.01", "0.03", "0.1", "0.3"]);
     }
 
     #[test]

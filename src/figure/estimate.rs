@@ -50,6 +50,13 @@ pub struct PowerLaw {
     pub range: [f64; 2],
 }
 
+impl PowerLaw {
+    /// Its y at x.
+    pub fn at(&self, x: f64) -> f64 {
+        self.coefficient * elementary::pow(x, self.slope)
+    }
+}
+
 /// Least squares of ln y on ln x over the points with positive x and y; `None` for fewer than two different x.
 pub fn power_law(points: &[[f64; 2]]) -> Option<PowerLaw> {
     let logs: Vec<[f64; 2]> =

@@ -201,7 +201,11 @@ fn spans(chart: &Chart) -> [Span; 2] {
     let shown = shown.filter(|(is_level, point)| *is_level || chart.x.range.is_none_or(|[low, high]| low <= point.x && point.x <= high));
     let ends = shown.flat_map(|(_, point)| [Some(point.y), point.interval.map(|i| i[0]), point.interval.map(|i| i[1])]).flatten();
     let zero = is_bars.then_some(0.0);
-    let y_data = ends.chain(heat_edges(|heat| &heat.y_edges)).chain(guides(GuideAxis::Y)).chain(zero);
+    // A fitted law is monotonic, so its ends are all that it needs.
+    let is_in_x = |at: &f64| chart.x.range.is_none_or(|[low, high]| (low..=high).contains(at));
+    let fits = chart.curves.iter().filter_map(|curve| curve.fit.as_ref());
+    let fits = fits.flat_map(|fit| fit.range.into_iter().filter(is_in_x).map(|x| fit.at(x)));
+    let y_data = ends.chain(fits).chain(heat_edges(|heat| &heat.y_edges)).chain(guides(GuideAxis::Y)).chain(zero);
     let y = axis::span(&chart.y, y_data, Reach { margin: y_margin, is_from_zero: chart.heat.is_none() });
     [x, y]
 }
@@ -332,14 +336,15 @@ impl Legend {
         if !is_needed {
             return Self { place: LegendPlace::None, entries: Vec::new(), column_width: 0.0, columns: 1 };
         }
+        // One entry takes a single line below; several take one each.
+        let share = if texts.len() > 1 { 0.36 } else { 0.3 };
+        if let Some(entries) = narrow_entries(chart, share * width - SAMPLE_WIDTH - GAP) {
+            return Self { place: LegendPlace::Beside, column_width: SAMPLE_WIDTH + GAP + widest_line(&entries), entries, columns: 1 };
+        }
         let room = width - 2.0 * BORDER;
         let limit = room - SAMPLE_WIDTH - GAP;
         let entries: Vec<Vec<String>> = texts.iter().map(|text| text::wrapped(text, LEGEND_SIZE, limit)).collect();
-        let widest = entries.iter().flatten().map(|line| text::width(line, LEGEND_SIZE)).fold(0.0, f64::max);
-        let column_width = SAMPLE_WIDTH + GAP + widest;
-        if column_width <= 0.3 * width && chart.heat.is_none() {
-            return Self { place: LegendPlace::Beside, entries, column_width, columns: 1 };
-        }
+        let column_width = SAMPLE_WIDTH + GAP + widest_line(&entries);
         let columns = ((room + 3.0 * GAP) / (column_width + 3.0 * GAP)).floor().clamp(1.0, entries.len() as f64) as usize;
         Self { place: LegendPlace::Below, entries, column_width, columns }
     }
@@ -371,13 +376,34 @@ impl Legend {
     }
 }
 
+/// The lines of each entry if all of them fit beside the frame: names as they are, slopes on a line of their own where they must be.
+fn narrow_entries(chart: &Chart, limit: f64) -> Option<Vec<Vec<String>>> {
+    let fits = |line: &String| text::width(line, LEGEND_SIZE) <= limit;
+    let entry = |curve: &Curve| {
+        let joined = legend_text(curve);
+        let parts = [curve.label.clone(), slope_text(curve).unwrap_or_default()];
+        let lines = if fits(&joined) { vec![joined] } else { parts.to_vec() };
+        let lines: Vec<String> = lines.into_iter().filter(|line| !line.is_empty()).collect();
+        lines.iter().all(fits).then_some(lines)
+    };
+    chart.heat.is_none().then(|| chart.curves.iter().map(entry).collect())?
+}
+
+fn widest_line(entries: &[Vec<String>]) -> f64 {
+    entries.iter().flatten().map(|line| text::width(line, LEGEND_SIZE)).fold(0.0, f64::max)
+}
+
 /// The label of a curve with its fitted slope.
 fn legend_text(curve: &Curve) -> String {
-    let Some(fit) = &curve.fit else { return curve.label.clone() };
+    let parts = [Some(curve.label.clone()).filter(|label| !label.is_empty()), slope_text(curve)];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(": ")
+}
+
+fn slope_text(curve: &Curve) -> Option<String> {
+    let fit = curve.fit.as_ref()?;
     let decimals = 3;
     let error = fit.slope_error.map_or(String::new(), |error| format!(" ± {}", axis::fixed(error, decimals)));
-    let slope = format!("slope {}{error}", axis::fixed(fit.slope, decimals));
-    if curve.label.is_empty() { slope } else { format!("{}: {slope}", curve.label) }
+    Some(format!("slope {}{error}", axis::fixed(fit.slope, decimals)))
 }
 
 fn has_markers(curve: &Curve) -> bool {
@@ -564,13 +590,12 @@ fn staircase(places: &[[f64; 2]]) -> Vec<[f64; 2]> {
 
 fn draw_fit(canvas: &mut Canvas, curve: &Curve, frame: &Frame) {
     let Some(fit) = &curve.fit else { return };
-    let value = |x: f64| fit.coefficient * elementary::pow(x, fit.slope);
     let [from, to] = fit.range;
     // A power law is straight on two logarithmic axes and bent on all others.
     let places: Vec<[f64; 2]> = (0..=64)
         .map(|step| from * elementary::pow(to / from, f64::from(step) / 64.0))
-        .filter(|x| frame.x.fraction(*x).is_some() && frame.y.fraction(value(*x)).is_some())
-        .map(|x| frame.at(x, value(x)))
+        .filter(|x| frame.x.fraction(*x).is_some() && frame.y.fraction(fit.at(*x)).is_some())
+        .map(|x| frame.at(x, fit.at(x)))
         .collect();
     for part in clipped_line(&places, frame.low, frame.high) {
         canvas.dashed(part, palette::dashes(1), 1.0, palette::hue(curve.hue));
@@ -711,6 +736,9 @@ fn fitting_size(line: &str, size: f64, room: f64) -> f64 {
 
 fn draw_legend(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>, bottom: f64) {
     let legend = &page.legend;
+    if let Some(labels) = direct_labels(chart, page) {
+        return labels.iter().for_each(|label| draw_direct_label(canvas, chart, page, label));
+    }
     let [left, mut top] = match legend.place {
         LegendPlace::None => return,
         LegendPlace::Beside => [page.size[0] - BORDER - legend.column_width, page.frame.low[1]],
@@ -732,6 +760,81 @@ fn draw_legend(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>, bottom: f64)
     }
 }
 
+/// A label that stands where its curve ends.
+struct DirectLabel {
+    curve: usize,
+    /// Where the curve ends.
+    end: [f64; 2],
+    /// Top of the label's first line.
+    top: f64,
+}
+
+/// Ends of curves that are nearer than this cannot be told apart.
+const LEAST_DISTANCE: f64 = 5.0;
+
+/// Labels at the ends of the curves in place of a legend beside the frame, where all curves reach the right side and end apart.
+fn direct_labels(chart: &Chart, page: &Page<'_>) -> Option<Vec<DirectLabel>> {
+    let legend = &page.legend;
+    let has_levels = chart.guides.iter().any(|guide| guide.axis == GuideAxis::Y);
+    if legend.place != LegendPlace::Beside || has_levels || legend.entries.iter().any(Vec::is_empty) {
+        return None;
+    }
+    let ends: Option<Vec<[f64; 2]>> = chart.curves.iter().map(|curve| end_of(curve, &page.frame)).collect();
+    let mut ends: Vec<(usize, [f64; 2])> = ends?.into_iter().enumerate().collect();
+    ends.sort_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]));
+    if ends.windows(2).any(|pair| pair[1].1[1] - pair[0].1[1] < LEAST_DISTANCE) {
+        return None;
+    }
+    Some(spread(&ends, legend, page.frame.high[1]))
+}
+
+/// Where a line ends, if that is near the right side.
+fn end_of(curve: &Curve, frame: &Frame) -> Option<[f64; 2]> {
+    let is_line = matches!(curve.look, Look::Line | Look::Steps | Look::Level);
+    let last = curve.points.last().filter(|_| is_line)?;
+    let x = if curve.look == Look::Level { frame.high[0] } else { frame.at_x(last.x) };
+    let y = frame.at_y(last.y);
+    let is_near = frame.high[0] - x <= 0.08 * (frame.high[0] - frame.low[0]);
+    (is_near && frame.contains([x, y])).then_some([x, y])
+}
+
+/// Labels as near to their ends as they can stand without touching: moved down where they must be, then up from the bottom.
+fn spread(ends: &[(usize, [f64; 2])], legend: &Legend, bottom: f64) -> Vec<DirectLabel> {
+    let height = |curve: usize| lines_height(&legend.entries[curve], LEGEND_SIZE) + 1.0;
+    let first_line = LEGEND_SIZE - CAPITAL_HEIGHT * LEGEND_SIZE / 2.0;
+    let mut labels: Vec<DirectLabel> = Vec::with_capacity(ends.len());
+    for &(curve, end) in ends {
+        let free = labels.last().map_or(f64::NEG_INFINITY, |above| above.top + height(above.curve));
+        labels.push(DirectLabel { curve, end, top: (end[1] - first_line).max(free) });
+    }
+    let mut limit = bottom + line_height(LEGEND_SIZE) / 2.0;
+    for label in labels.iter_mut().rev() {
+        label.top = label.top.min(limit - height(label.curve));
+        limit = label.top;
+    }
+    labels
+}
+
+/// A label with a line to it from the end of its curve.
+fn draw_direct_label(canvas: &mut Canvas, chart: &Chart, page: &Page<'_>, label: &DirectLabel) {
+    let left = page.size[0] - BORDER - page.legend.column_width;
+    let middle = label.top + LEGEND_SIZE - CAPITAL_HEIGHT * LEGEND_SIZE / 2.0;
+    let knee = [page.frame.high[0] + GAP, label.end[1]];
+    canvas.stroke(
+        vec![label.end, knee, [left + SAMPLE_WIDTH - GAP, middle], [left + SAMPLE_WIDTH, middle]],
+        0.7,
+        palette::hue(chart.curves[label.curve].hue),
+    );
+    write_lines(canvas, &page.legend.entries[label.curve], [left + SAMPLE_WIDTH + GAP, label.top + LEGEND_SIZE]);
+}
+
+/// The lines of an entry, the first one on that baseline.
+fn write_lines(canvas: &mut Canvas, lines: &[String], [x, baseline]: [f64; 2]) {
+    for (index, line) in lines.iter().enumerate() {
+        write(canvas, line, [x, baseline + index as f64 * line_height(LEGEND_SIZE)], Anchor::Start, LEGEND_SIZE, BLACK);
+    }
+}
+
 fn draw_entry(canvas: &mut Canvas, curve: &Curve, lines: &[String], [x, top]: [f64; 2]) {
     let ink = palette::hue(curve.hue);
     let middle = top + LEGEND_SIZE - CAPITAL_HEIGHT * LEGEND_SIZE / 2.0;
@@ -748,10 +851,7 @@ fn draw_entry(canvas: &mut Canvas, curve: &Curve, lines: &[String], [x, top]: [f
     if has_markers(curve) {
         draw_marker(canvas, [x + SAMPLE_WIDTH / 2.0, middle], curve.hue, MARKER_RADIUS);
     }
-    for (index, line) in lines.iter().enumerate() {
-        let baseline = top + LEGEND_SIZE + index as f64 * line_height(LEGEND_SIZE);
-        write(canvas, line, [x + SAMPLE_WIDTH + GAP, baseline], Anchor::Start, LEGEND_SIZE, BLACK);
-    }
+    write_lines(canvas, lines, [x + SAMPLE_WIDTH + GAP, top + LEGEND_SIZE]);
 }
 
 fn write(canvas: &mut Canvas, line: &str, position: [f64; 2], anchor: Anchor, size: f64, ink: Ink) {
@@ -766,6 +866,7 @@ fn write_turned(canvas: &mut Canvas, line: &str, position: [f64; 2], size: f64) 
 mod tests {
     use super::*;
     use crate::figure::canvas::Mark;
+    use crate::figure::estimate::PowerLaw;
 
     fn axis(label: &str, scale: Scale) -> Axis {
         Axis { label: label.into(), unit: String::new(), scale, range: None, categories: Vec::new() }
@@ -850,6 +951,49 @@ mod tests {
             let is_inside = |[x, y]: &[f64; 2]| (0.0..=canvas.width).contains(x) && (0.0..=canvas.height).contains(y);
             assert!(points.iter().all(is_inside), "{mark:?}");
         }
+    }
+
+    /// Where the text of an entry stands: its baseline.
+    fn baseline_of(canvas: &Canvas, text: &str) -> f64 {
+        let is_it = |mark: &&Mark| matches!(mark, Mark::Text(label) if label.text == text);
+        canvas.marks.iter().find(is_it).map(|mark| if let Mark::Text(label) = mark { label.position[1] } else { 0.0 }).unwrap()
+    }
+
+    #[test]
+    fn curves_that_end_apart_are_named_at_their_ends() {
+        let mut chart = crowded([120.0, 80.0], "");
+        chart.guides.clear();
+        chart.curves = (0..3).map(|index| curve(4 * index, &format!("c{index}"))).collect();
+        chart.curves.iter_mut().flat_map(|curve| &mut curve.points).for_each(|point| point.interval = None);
+        let canvas = canvas(&chart);
+        let frame = Page::of(&chart).frame;
+        for (index, curve) in chart.curves.iter().enumerate() {
+            let end = frame.at_y(curve.points.last().unwrap().y);
+            let off = baseline_of(&canvas, &format!("c{index}")) - CAPITAL_HEIGHT * LEGEND_SIZE / 2.0 - end;
+            // The lowest of three lines of text is moved by no more than its own height.
+            assert!(off.abs() <= line_height(LEGEND_SIZE), "{index}: {off}");
+        }
+        // The larger y is higher on the page, whatever the order of the curves.
+        assert!(baseline_of(&canvas, "c2") < baseline_of(&canvas, "c1") && baseline_of(&canvas, "c1") < baseline_of(&canvas, "c0"));
+    }
+
+    #[test]
+    fn a_fitted_law_is_shown_whole() {
+        let mut chart = crowded([120.0, 80.0], "");
+        let fit = PowerLaw { coefficient: 1.0, slope: -2.0, slope_error: None, range: [16.0, 4096.0] };
+        chart.curves = vec![Curve { fit: Some(fit), ..curve(0, "c") }];
+        let [x, y] = spans(&chart);
+        assert!(y.fraction(fit.at(4096.0)).unwrap() > 0.0 && y.fraction(fit.at(16.0)).unwrap() < 1.0 && x.high >= 4096.0);
+    }
+
+    #[test]
+    fn curves_that_end_together_keep_the_order_of_their_legend() {
+        let mut chart = crowded([120.0, 80.0], "");
+        chart.guides.clear();
+        chart.curves = (0..3).map(|index| curve(0, &format!("c{index}"))).collect();
+        let canvas = canvas(&chart);
+        let step = baseline_of(&canvas, "c1") - baseline_of(&canvas, "c0");
+        assert!((step - line_height(LEGEND_SIZE) - 1.0).abs() < 1e-9, "{step}");
     }
 
     #[test]

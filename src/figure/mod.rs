@@ -14,6 +14,7 @@ pub mod palette;
 pub mod pdf;
 pub mod reach;
 pub mod sheet;
+mod subset;
 pub mod svg;
 pub mod table;
 pub mod text;

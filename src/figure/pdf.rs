@@ -8,6 +8,7 @@ use pdf_writer::types::{CidFontType, FontFlags, LineJoinStyle, SystemInfo, Unico
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str, TextStr};
 
 use super::canvas::{Anchor, Canvas, Ink, Label, Mark};
+use super::subset::subset;
 use super::text;
 
 const CATALOG: Ref = Ref::new(1);
@@ -116,7 +117,8 @@ fn write_font(pdf: &mut Pdf, characters: &BTreeMap<u16, char>) {
     descriptor.cap_height((text::CAPITAL_HEIGHT * 1000.0) as f32);
     descriptor.finish();
 
-    pdf.stream(FONT_FILE, text::FONT).pair(Name(b"Length1"), text::FONT.len() as i32);
+    let file = subset(text::FONT, characters.keys().copied());
+    pdf.stream(FONT_FILE, &file).pair(Name(b"Length1"), file.len() as i32);
     let mut map = UnicodeCmap::new(Name(b"Characters"), SYSTEM);
     for (glyph, character) in characters {
         map.pair(*glyph, *character);

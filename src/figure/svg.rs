@@ -1,12 +1,16 @@
 //! A canvas as SVG, by the SVG backend of plotters.
 //!
 //! The backend counts in whole units, so the drawing is written in twentieths of a point and the outer
-//! element, which is ours, says how large that is. Text stays text, in families that most machines have.
+//! element, which is ours, says how large that is. Text stays text; the letters that it needs are inside, and for readers that do
+//! not look there the families are named that most machines have.
+
+use std::collections::BTreeSet;
 
 use plotters::prelude::{Color, DrawingBackend, FontTransform, IntoFont, RGBAColor, SVGBackend, ShapeStyle, TextStyle};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::canvas::{Anchor, Canvas, Ink, Label, Mark};
+use super::subset::{base64, subset};
 use super::text;
 
 /// Units of the drawing in a point.
@@ -44,7 +48,18 @@ fn head(canvas: &Canvas, title: &str, metadata: &[(&str, &str)]) -> String {
         }
         head += "</origin>\n</metadata>\n";
     }
-    head + "<g stroke-linejoin=\"round\" stroke-linecap=\"butt\">\n"
+    head + &font_face(canvas) + "<g stroke-linejoin=\"round\" stroke-linecap=\"butt\">\n"
+}
+
+/// The letters of the canvas, under the name that comes first in [`text::FAMILIES`].
+fn font_face(canvas: &Canvas) -> String {
+    let labels = canvas.marks.iter().filter_map(|mark| if let Mark::Text(label) = mark { Some(label) } else { None });
+    let glyphs: BTreeSet<u16> = labels.flat_map(|label| text::glyphs(&label.text)).map(|(_, glyph)| glyph.0).collect();
+    if glyphs.is_empty() {
+        return String::new();
+    }
+    let font = base64(&subset(text::FONT, glyphs));
+    format!("<style>@font-face {{ font-family: 'DejaVu Sans'; src: url(data:font/ttf;base64,{font}) }}</style>\n")
 }
 
 fn draw(backend: &mut SVGBackend<'_>, mark: &Mark) {
@@ -134,6 +149,13 @@ mod tests {
         let page = page("<script>alert('&')</script>\u{1}");
         assert!(!page.contains("<script>"), "{page}");
         assert_eq!(page.matches("&lt;script&gt;").count(), 3, "{page}");
+    }
+
+    #[test]
+    fn the_letters_are_inside_and_no_others() {
+        let font = |text: &str| page(text).split("base64,").nth(1).map_or(0, |rest| rest.split(')').next().unwrap_or_default().len());
+        let (few, many) = (font("ii"), font("The quick brown fox jumps over the lazy dog"));
+        assert!(0 < few && few < many && many < text::FONT.len(), "{few} {many}");
     }
 
     #[test]

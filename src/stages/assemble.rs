@@ -27,6 +27,14 @@ use crate::stages::rasters::LinearOrPicture;
 /// taken by itself; pixels that no exposure shows well are bounds, and are counted in a warning. `.response` is the
 /// recovered curve (empty if none was asked for), `.range` one row: how many exposures, saturated and black pixels, and the
 /// dynamic range.
+///
+/// ```yaml
+/// env-ball:
+///   assemble:
+///     files: [{ path: ball-1s.png, seconds: 1 }, { path: ball-4s.png, seconds: 4 }]
+///     response: recovered
+///   save: exr
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Assemble {

@@ -23,6 +23,10 @@ use crate::image::raster::Image;
 ///
 /// Work is counted, not timed, so that results are the same on every machine: `setup` and, for each covered pixel of the picture,
 /// `terms` of `term_cost` each. What a unit is, is the pipeline's choice; one look at a pixel of a map is a good one.
+///
+/// ```yaml
+/// judged: { assess: { of: repeated, to: truth, over: [run], terms: $n } } # bias, variance, efficiency
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Assess {

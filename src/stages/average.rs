@@ -16,6 +16,10 @@ use crate::image::raster::Image;
 /// `variance`, the sample variance among the images (divided by n - 1), and `standard_error` of the mean, the root of
 /// variance / n, which `compare` uses for `mean-z`. Images must have one size and the same alpha. Layers such as albedo
 /// or depth are averaged where all images have them.
+///
+/// ```yaml
+/// mean: { average: { of: repeated, over: [run] }, save: exr } # over the runs of a seed
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Average {

@@ -23,6 +23,10 @@ use crate::stages::rasters::LinearOrPicture;
 /// with the error of each pixel as grey. Both inputs are linear (images, environment maps), compared in linear light;
 /// or both are pictures, whose encoded values from 0 to 1 are compared, except that `flip` reads them as sRGB. Pixels
 /// whose alpha is 0 in either do not count; channels, and pixels of a lat-long map, count alike.
+///
+/// ```yaml
+/// error: { compare: { of: sphere, to: truth, metrics: [rmse, hdr-flip] }, save: { map: png } }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Compare {

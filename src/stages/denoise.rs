@@ -19,6 +19,10 @@ use crate::image::raster::{Image, Layer, Raster};
 /// and `average` gives; or it is found from two independent images, `of` and `with`. Alpha and other layers stay as they are;
 /// those of the noise are left out, for what remains is not known. The result is biased, as that of every such filter.
 /// Rousselle, Knaus and Zwicker (2012).
+///
+/// ```yaml
+/// clean: { denoise: { of: traced, features: [albedo, normal] }, save: exr }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Denoise {

@@ -15,6 +15,10 @@ use crate::light::envmap::EnvMap;
 /// A pixel's weight is its intensity times a factor of its row. Negative channels count as 0; a pixel that
 /// is not finite is refused; a map without any weight gives the uniform distribution of the sphere. Source:
 /// Pharr, Jakob, Humphreys, "Physically Based Rendering", 3rd edition, section 14.2.4.
+///
+/// ```yaml
+/// dist: { distribution: { of: env } }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DistributionStage {

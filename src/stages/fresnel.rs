@@ -13,6 +13,10 @@ use crate::light::fresnel::{self, Boundary};
 /// The first result has one row per angle: `angle_deg`, `rs` (perpendicular), `rp` (parallel), `unpolarized` and
 /// `schlick`. The result `angles` has one row: Brewster's angle, the critical angle (empty where there is none),
 /// R0, and where Schlick's approximation errs most. Born and Wolf, "Principles of optics", 1.5; Schlick (1994).
+///
+/// ```yaml
+/// glass: { fresnel: { eta: 1.5 }, save: csv }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Fresnel {

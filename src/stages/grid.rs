@@ -27,6 +27,10 @@ use crate::light::envmap::EnvMap;
 ///
 /// Pictures are shown as they are; linear images and maps are clipped and sRGB-encoded (use `tone-map` to choose how). A coordinate
 /// that does not exist leaves its cell empty; a picture without one of the axes stands at every value of it.
+///
+/// ```yaml
+/// sheet: { grid: { of: picture, columns: n, title: By count, cell: 256 }, save: png }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Grid {

@@ -29,6 +29,10 @@ use crate::render::shape::generated;
 /// PLY, glTF, GLB.
 ///
 /// The format is told from the content. Non-finite and negative pixels are counted and reported.
+///
+/// ```yaml
+/// env: { load: { path: sky.exr, rotate_degrees: 90 } }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Load {

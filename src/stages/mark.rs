@@ -22,6 +22,10 @@ use crate::stages::relight::Illumination;
 /// Marks samples or lights on a map: a block for each, and the edges of the lights' regions.
 ///
 /// The result is of the same sort as what is marked: linear for a map or an image, encoded for a picture.
+///
+/// ```yaml
+/// on-map: { mark: { on: picture, at: samples, size: 5, color: blue }, save: png }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Mark {

@@ -16,6 +16,10 @@ use crate::light::median_cut::{self, MedianCutError, Place, Settings, Variant};
 ///
 /// After Debevec, "A median cut algorithm for light probe sampling" (2005), and Viriyothai and Debevec, "Variance
 /// minimization light probe sampling" (2009). Needs little memory beside the map.
+///
+/// ```yaml
+/// cut: { median-cut: { of: env, count: 64 }, save: [csv, gltf, blender] }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MedianCut {

@@ -16,6 +16,7 @@ pub mod fresnel;
 pub mod grid;
 pub mod layouts;
 pub mod load;
+pub mod lobe;
 pub mod mark;
 pub mod median_cut;
 pub mod names;
@@ -68,6 +69,7 @@ pub fn registry() -> Registry {
         .with::<render::Render>()
         .with::<denoise::Denoise>()
         .with::<fresnel::Fresnel>()
+        .with::<lobe::Lobe>()
         .with::<tone_map::ToneMap>()
         .with::<compare::Compare>()
         .with::<average::Average>()

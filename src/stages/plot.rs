@@ -23,6 +23,10 @@ use crate::figure::table::Table;
 ///
 /// Columns are those of the kind `table`: `stage`, the collapsed axes, then the tables' own. A row whose `x` is empty holds for all
 /// x and becomes a level line. Where several stages are collected, each has curves of its own.
+///
+/// ```yaml
+/// curve: { plot: { of: error, x: n, y: [rmse], scale: log-log, fit: true }, save: [svg, pdf, png] }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Plot {

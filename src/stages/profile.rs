@@ -18,6 +18,10 @@ use crate::light::distribution::Distribution;
 /// Columns: `row` and `theta_deg` (or `column` and `phi_deg`); `weight` (intensity times the row's factor); `pmf`
 /// (probability); `pdf` (density per degree of that angle); `cdf` (0 to 1); `pdf_scaled` ((x - min) / (max - min) of the pdf,
 /// the second report's display form, no density); `cdf_percent` (0 to 100).
+///
+/// ```yaml
+/// rows: { profile: { of: dist }, save: csv }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProfileStage {

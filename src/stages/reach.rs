@@ -17,6 +17,10 @@ use crate::figure::table::{Cell, Column, Table};
 /// Columns: `series`, then `x` with the place at which a power law between the two nearest measurements crosses the level, and
 /// `x.measured`, the first x measured from which on all are at or below it (both under the name of the column `x`); empty where the last
 /// measurement is still above.
+///
+/// ```yaml
+/// enough: { reach: { of: error, x: n, y: rmse, level: 0.01 }, save: csv }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReachStage {

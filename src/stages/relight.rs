@@ -38,6 +38,11 @@ use crate::stages::sample::{InPixel, Method, Warp, sampling_error};
 /// The camera is orthographic and looks along -z, +x to the right, +y up. Alpha is 1 where the center of a pixel
 /// shows the sphere. A set of samples serves all pixels; with a distribution in `with`, and for `lobe-weighted`, each pixel draws `count`
 /// directions for itself. Combinations of two techniques after Veach and Guibas (1995).
+///
+/// ```yaml
+/// sphere: { relight: { env: env, with: samples }, save: pfm } # from a set of samples
+/// truth: { relight: { env: env, estimator: exact } } # from every pixel of the map
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Relight {

@@ -2,12 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value as Json;
 
+use super::grid::Shown;
 use crate::catalogue::nearest;
 use crate::engine::job::Job;
 use crate::engine::parameter::{InputFile, Port, Section, Seed};
@@ -26,12 +28,26 @@ use crate::render::scene_file::SceneFile;
 use crate::render::shape::Shape;
 use crate::render::shape::mesh::MeshShape;
 use crate::render::texture::bitmap::Pixels;
+use crate::render::texture::parameter::Origin;
 
 /// Renders a scene by path tracing.
 ///
 /// Right-handed, +y up. The map of `env` surrounds the scene and the lights of `lights` shine on it; both may be placed
 /// by entries of `emitters`. Samples are addressed by seed, pixel and index: the picture is the same for any number
 /// of threads, and a run with more samples goes on from one with a power of two of them.
+///
+/// ```yaml
+/// traced:
+///   render:
+///     env: env
+///     scene:
+///       camera: { perspective: { origin: [0, 1, 4], target: [0, 0.5, 0], fov_degrees: 40 } }
+///       film: { resolution: [320, 240] }
+///       sampler: { sobol: { samples_per_pixel: 64 } }
+///       shapes:
+///         - { sphere: { center: [0, 0.5, 0], radius: 0.5 }, bsdf: { conductor: { metal: gold } } }
+///   save: exr
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Render {
@@ -44,6 +60,9 @@ pub struct Render {
     /// Meshes that shapes name by `mesh: { of: NAME }`, so that they can come from other stages.
     #[serde(default)]
     pub meshes: BTreeMap<String, Port<Mesh>>,
+    /// Pictures that textures name by `bitmap: { of: NAME }`, so that they can come from other stages.
+    #[serde(default)]
+    pub textures: BTreeMap<String, Port<Shown>>,
     /// The scene: its parameters, or the path of a file that holds them: YAML, or a scene of Mitsuba 3 or Nori (`.xml`).
     pub scene: Section<SceneDescription>,
     /// Another seed gives another, equally good picture; by default the pipeline's.
@@ -67,6 +86,7 @@ impl Stage for Render {
         let mut mistakes: Vec<Mistake> = self.scene.0.mistakes().into_iter().map(of_scene).collect();
         mistakes.extend(self.missing_ports());
         mistakes.extend(self.mesh_mistakes());
+        mistakes.extend(self.texture_mistakes());
         mistakes
     }
 
@@ -168,6 +188,32 @@ impl Render {
         }
     }
 
+    /// Pictures that are named in two ways, in none, or by a name that means nothing.
+    fn texture_mistakes(&self) -> Vec<Mistake> {
+        let Ok(scene) = serde_json::to_value(&self.scene.0) else { return Vec::new() };
+        let mut bitmaps = Vec::new();
+        blocks(&scene, "bitmap", "scene", &mut bitmaps);
+        bitmaps.into_iter().filter_map(|(field, bitmap)| self.texture_mistake(field, bitmap)).collect()
+    }
+
+    fn texture_mistake(&self, field: String, bitmap: &Json) -> Option<Mistake> {
+        let [path, of] = ["path", "of"].map(|key| bitmap.get(key).and_then(Json::as_str));
+        let (message, hint) = match (path, of) {
+            (Some(_), Some(_)) => ("`path` and `of` both name the picture".into(), "remove one of them".into()),
+            (None, None) => {
+                let message = "the bitmap needs a `path`, or `of` with a name of the stage's `textures`".into();
+                (message, "add `path: FILE`".into())
+            }
+            (None, Some(name)) if !self.textures.contains_key(name) => {
+                let near = nearest(name, self.textures.keys().map(String::as_str)).map(|near| format!("did you mean `{near}`?"));
+                let hint = near.unwrap_or_else(|| format!("set `textures: {{ {name}: STAGE }}`"));
+                (format!("there is no texture `{name}` among the stage's `textures`"), hint)
+            }
+            _ => return None,
+        };
+        Some(Mistake { field, message, hint: Some(hint) })
+    }
+
     /// Entries of emitters that stand for what the stage was not given.
     fn missing_ports(&self) -> Vec<Mistake> {
         let scene = &self.scene.0;
@@ -197,16 +243,43 @@ impl Library for Files<'_, '_> {
         self.render.mesh(shape, self.job)
     }
 
-    fn pixels(&mut self, SceneFile(path): &SceneFile) -> Result<Pixels, StageError> {
-        let in_file = |message: String| StageError::content(format!("`{}`: {message}", path.display()));
-        let bytes = self.job.read(&InputFile(path.clone()))?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let decoded = formats::read(&bytes, &name, &Limits::default()).map_err(|error| in_file(error.to_string()))?;
-        decoded.warnings.into_iter().for_each(|warning| self.job.warn(format!("`{name}`: {warning}")));
-        Ok(match decoded.content {
-            Content::Linear(image) => Pixels::Linear(image.color),
-            Content::Display(picture) => Pixels::Display(picture),
-        })
+    fn pixels(&mut self, origin: &Origin) -> Result<Pixels, StageError> {
+        match origin {
+            Origin::File(SceneFile(path)) => picture_file(path, self.job),
+            Origin::Stage(name) => {
+                let port = self.render.textures.get(name).ok_or_else(|| StageError::content(format!("there is no texture `{name}`")))?;
+                Ok(match self.job.input(port)? {
+                    Shown::Picture(picture) => Pixels::Display((*picture).clone()),
+                    Shown::Image(image) => Pixels::Linear(image.color.clone()),
+                    Shown::Map(map) => Pixels::Linear(map.raster.clone()),
+                })
+            }
+        }
+    }
+}
+
+/// The pixels of a picture's file, without its alpha.
+fn picture_file(path: &Path, job: &Job<'_>) -> Result<Pixels, StageError> {
+    let bytes = job.read(&InputFile(path.to_owned()))?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let in_file = |error| StageError::content(format!("`{}`: {error}", path.display()));
+    let decoded = formats::read(&bytes, &name, &Limits::default()).map_err(in_file)?;
+    decoded.warnings.into_iter().for_each(|warning| job.warn(format!("`{name}`: {warning}")));
+    Ok(match decoded.content {
+        Content::Linear(image) => Pixels::Linear(image.color),
+        Content::Display(picture) => Pixels::Display(picture),
+    })
+}
+
+/// The blocks of that name anywhere in a scene, with their paths, so that every texture is found wherever one may stand.
+fn blocks<'j>(json: &'j Json, name: &str, path: &str, found: &mut Vec<(String, &'j Json)>) {
+    let fields = json.as_object().into_iter().flatten().map(|(key, value)| (format!("{path}.{key}"), key == name, value));
+    let items = json.as_array().into_iter().flatten().enumerate().map(|(index, value)| (format!("{path}[{index}]"), false, value));
+    for (path, is_found, value) in fields.chain(items) {
+        if is_found {
+            found.push((path.clone(), value));
+        }
+        blocks(value, name, &path, found);
     }
 
     fn voxels(&mut self, SceneFile(path): &SceneFile) -> Result<Voxels, StageError> {

@@ -16,6 +16,10 @@ use crate::math::elementary;
 ///
 /// Either by `degrees` about `axis`, right-handed, or by a `matrix`. Each pixel becomes the mean of the old map over its
 /// solid angle: no light is lost or made. About +y, `rotate_degrees` of `load` does the same.
+///
+/// ```yaml
+/// turned: { rotate: { of: env, axis: [1, 0, 0], degrees: 90 } }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rotate {

@@ -141,6 +141,10 @@ impl From<InPixel> for Placement {
 /// Points of the unit square (`method`) find their pixels (`warp`) and places in them (`in_pixel`); every combination realizes
 /// the probabilities of the distribution, except `inversion: nearest`. A sample carries the probability of its pixel and
 /// its density per steradian. Source: Pharr, Jakob, Humphreys, "Physically Based Rendering", 3rd edition, section 13.6.7.
+///
+/// ```yaml
+/// samples: { sample: { of: dist, count: $n, method: sobol }, save: csv } # one set for each n
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SampleStage {

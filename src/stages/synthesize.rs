@@ -18,6 +18,10 @@ use crate::light::synthesis::{self, Rgb, Synthetic};
 ///
 /// `load: { path: synthetic:NAME }` is the map of that name with default parameters, and seed 0 where it draws.
 /// A parameter that the named map does not use is a mistake.
+///
+/// ```yaml
+/// env: { synthesize: { name: cathedral, width: 512 } }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Synthesize {

@@ -19,6 +19,10 @@ use crate::light::lights::LightSet;
 /// Puts tables one after the other, with a column for the stage and one for each collapsed axis.
 ///
 /// Columns: `stage`, then the axes, then those of the tables, each in order of first appearance; what a row lacks is empty.
+///
+/// ```yaml
+/// errors: { table: { of: error }, save: [csv, json] } # one row for each n
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Collect {

@@ -18,6 +18,10 @@ use crate::stages::rasters::LinearRaster;
 /// The chain is: divide by the maximum (`normalize`), times 2^`exposure_stops`, `operator`, clamp to [0, 1], encode
 /// (`gamma`), round to `bits`. What is not a number is shown as 0 and counted, infinity as white, negative light as
 /// 0. The result `.settings` is a table of one row with what was used and how many pixels were clipped.
+///
+/// ```yaml
+/// picture: { tone-map: { of: sphere, exposure_stops: 1, gamma: srgb }, save: png }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToneMap {

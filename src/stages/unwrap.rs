@@ -19,6 +19,10 @@ use crate::stages::layouts::View;
 /// The light of each pixel goes to the pixels of the map that share its solid angle: none is lost or made. Pixels
 /// of alpha 0 show nothing; directions that the picture does not show at all continue their surroundings, and are counted
 /// in a warning. `wrap` is the way back.
+///
+/// ```yaml
+/// env: { unwrap: { of: ball, layout: mirror-ball, height: 512 }, save: exr }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Unwrap {

@@ -18,6 +18,10 @@ use crate::stages::layouts::View;
 ///
 /// Each pixel is the mean of the map over its own solid angle, so that no light is lost or made. `unwrap` is the way
 /// back. Pixels that stand for no direction have alpha 0.
+///
+/// ```yaml
+/// cube: { wrap: { of: env, layout: cube-cross, size: 256 }, save: exr }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wrap {

@@ -20,22 +20,23 @@ const RESOLUTION: u32 = 1000;
 /// Tests of this module that can fail by chance, at most; together they do so once in a thousand seeds.
 const TESTS: Family = Family(400);
 
-fn bsdf(text: &str, directions: DirectionSampling) -> Bsdf {
+fn bsdf(text: &str, directions: DirectionSampling) -> Bsdf<'static> {
     let json: serde_json::Value = serde_yaml::from_str(text).unwrap();
     let description: BsdfDescription = serde_json::from_value(json).unwrap();
-    Material::new(&description, directions).unwrap().at(&TexturePoint::ANYWHERE)
+    let material = Material::new(&description, directions).unwrap();
+    Box::leak(Box::new(material)).at(&TexturePoint::ANYWHERE)
 }
 
-fn view(text: &str, degrees: f64) -> View {
+fn view(text: &str, degrees: f64) -> View<'static> {
     View::at_degrees(bsdf(text, DirectionSampling::Bsdf), degrees)
 }
 
 /// From the front, and from behind where light passes.
-fn angles(bsdf: &Bsdf) -> &'static [f64] {
+fn angles(bsdf: &Bsdf<'_>) -> &'static [f64] {
     if bsdf.is_transmissive() { &[0.0, 45.0, 80.0, 88.0, 100.0, 135.0, 180.0] } else { &[0.0, 45.0, 80.0, 88.0] }
 }
 
-fn views(directions: DirectionSampling) -> impl Iterator<Item = (String, View)> {
+fn views(directions: DirectionSampling) -> impl Iterator<Item = (String, View<'static>)> {
     EXAMPLES.iter().map(move |text| (text, bsdf(text, directions))).filter(|(_, bsdf)| !bsdf.is_delta()).flat_map(|(text, bsdf)| {
         angles(&bsdf).iter().map(move |&degrees| (format!("{text} at {degrees}"), View::at_degrees(bsdf, degrees)))
     })
@@ -76,7 +77,7 @@ fn albedo_p_value(drawn: &View, exact: &View, seed: u64) -> f64 {
 /// Less than ninety tests. Plastic has a delta lobe beside what the quadrature sees, and a closed form in `laws`.
 #[test]
 fn mean_weights_are_the_integrals_of_values() {
-    for (seed, (name, view)) in (2000..).zip(views(DirectionSampling::Bsdf)).filter(|(_, (name, _))| !name.starts_with("plastic")) {
+    for (seed, (name, view)) in (2000..).zip(views(DirectionSampling::Bsdf)).filter(|(_, (name, _))| !name.contains("plastic") && !name.contains("mirror")) {
         let (mean, error) = view.mean_weight(1000, seed, Transport::Energy);
         if error > 1e-6 * mean {
             TESTS.assert_plausible(&name, albedo_p_value(&view, &view, seed));

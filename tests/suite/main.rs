@@ -1,6 +1,7 @@
 //! Behavior of the whole program, through its binary: what a user types, sees and finds on disk.
 
 mod bad_input;
+mod book;
 mod commands;
 mod language;
 mod mistakes;

@@ -200,3 +200,85 @@ fn meshes_come_from_other_stages_too() {
     let names = |space: &Space| space.manifest()["jobs"].as_array().unwrap().len();
     assert_eq!((names(&space), names(&from_file)), (3, 2));
 }
+
+/// Four pixels of light: 0, 128 and 255 of red.
+const PICTURE: &str = "P3\n2 2\n255\n255 0 0  128 0 0\n0 0 0  255 255 255\n";
+
+/// The scene with a picture on the ball, whose parameters are these beside its path.
+fn painted(more: &str) -> Space {
+    let space = still();
+    let bitmap = format!("{{ bitmap: {{ path: picture.ppm {more} }} }}");
+    space.write("scenes/still.yaml", SCENE.replace("reflectance: 0.8", &format!("reflectance: {bitmap}"))).write("scenes/picture.ppm", PICTURE);
+    space
+}
+
+#[test]
+fn a_picture_that_a_scene_names_is_an_input_wherever_it_stands() {
+    let space = painted("");
+    assert_eq!((space.executed(&[]), space.executed(&[])), (2, 0));
+    space.write("scenes/picture.ppm", PICTURE.replace("128", "127"));
+    assert_eq!(space.executed(&[]), 1);
+    // In a light, and within a normal map over a blend.
+    for scene in [
+        SCENE.replace("radius: 1 }", "radius: 1 }, emitter: { area: { radiance: { bitmap: { path: picture.ppm } } } }"),
+        SCENE.replace(
+            "bsdf: { diffuse: { reflectance: 0.8 } }",
+            "bsdf: { normal-map: { map: [0.6, 0.5, 1], bsdf: { blend: { weight: { bitmap: { path: picture.ppm } }, first: { diffuse: {} }, second: { mirror: {} } } } } }",
+        ),
+    ] {
+        space.write("scenes/still.yaml", &scene).write("scenes/picture.ppm", PICTURE);
+        space.summary(&[]);
+        space.write("scenes/picture.ppm", PICTURE.replace("128", "127"));
+        assert_eq!(space.executed(&[]), 1, "{scene}");
+    }
+}
+
+#[test]
+fn mistakes_of_pictures_are_shown_at_their_lines() {
+    for (more, expected) in [
+        (", of: brick", "scenes/still.yaml:6: `path` and `of` both name the picture"),
+        (", wrap: repaet", "scenes/still.yaml:6: `scene.shapes[0].bsdf.diffuse.reflectance.bitmap.wrap` has no choice `repaet`"),
+        (", scale: [1, 2, 3]", "scenes/still.yaml:6: `scene.shapes[0].bsdf.diffuse.reflectance.bitmap.scale`"),
+    ] {
+        let found = errors(&painted(more));
+        assert!(found.iter().any(|error| error.starts_with(expected)), "{more}: {found:#?}");
+    }
+    let space = painted("");
+    let scene = String::from_utf8(space.read("scenes/still.yaml")).unwrap();
+    for (right, wrong, expected) in [
+        ("path: picture.ppm", "path: pictur.ppm", "scenes/still.yaml:6: input file `pictur.ppm`: no such file; did you mean `picture.ppm`?"),
+        ("path: picture.ppm", "of: brick", "scenes/still.yaml:6: there is no texture `brick` among the stage's `textures`"),
+        ("path: picture.ppm", "", "scenes/still.yaml:6: the bitmap needs a `path`"),
+    ] {
+        space.write("scenes/still.yaml", scene.replace(right, wrong));
+        let found = errors(&space);
+        assert!(found.iter().any(|error| error.starts_with(expected)), "{wrong}: {found:#?}");
+    }
+}
+
+#[test]
+fn a_picture_that_is_damaged_or_too_bright_fails_its_job_by_name() {
+    let space = painted("");
+    space.write("scenes/picture.ppm", "P3 no picture");
+    space.run(&["run", "p.yaml"]).expect(1, &["picture.ppm", "PPM"]);
+    let space = painted(", factor: 2");
+    space.run(&["run", "p.yaml"]).expect(1, &["picture.ppm", "column 0 of row 0", "from 0 to 1", "clamp: true"]);
+    painted(", factor: 2, clamp: true").summary(&[]);
+}
+
+#[test]
+fn pictures_come_from_other_stages_too() {
+    let space = painted("");
+    let scene = String::from_utf8(space.read("scenes/still.yaml")).unwrap();
+    let (by_name, by_file) = (painted(""), painted(""));
+    by_name.write("scenes/still.yaml", scene.replace("path: picture.ppm", "of: shown"));
+    by_name.pipeline(
+        &PIPELINE
+            .replace("scene: scenes", "textures: { shown: loaded }, scene: scenes")
+            .replace("  picture:", "  loaded: { load: { path: scenes/picture.ppm, as: image } }\n  picture:"),
+    );
+    by_name.summary(&[]);
+    by_file.summary(&[]);
+    let pixels = |space: &Space| space.manifest()["jobs"].as_array().unwrap().last().unwrap()["outputs"][0]["sha256"].clone();
+    assert_eq!(pixels(&by_name), pixels(&by_file));
+}

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Other programs read what we write: numpy the NPY, the OpenEXR wheel the EXR, Pillow the PNG.
+"""Other programs read what we write: numpy the NPY, the OpenEXR wheel the EXR, Pillow the PNG, pandas the CSV.
 
-    python3 -m venv v && v/bin/pip install numpy OpenEXR pillow
+    python3 -m venv v && v/bin/pip install numpy OpenEXR pillow pandas
     cargo build && v/bin/python tests/trials/formats.py target/debug/pipeline
 
-Needs `pipeline convert`. Prints one line per comparison; exit 1 at the first difference, and says aloud what it skips.
+Prints one line per comparison; exit 1 at the first difference, and says aloud what it skips.
 """
+import json
 import pathlib
 import subprocess
 import sys
@@ -63,9 +64,59 @@ def main():
             same("Pillow reads our PNG", theirs.tobytes(), numpy.floor(255 * curve + 0.5).astype("u1").tobytes())
 
 
+        try:
+            import pandas
+        except ImportError:
+            print("skipped: pandas is not installed")
+        else:
+            tables(pipeline, folder, numpy, pandas)
+
+
+# Text that a careless writer of CSV breaks, numbers that need all their digits, and empty cells.
+TABLES = """
+version: 1
+pipeline: tables
+seed: 7
+axes:
+  n: [1, 50]
+  way:
+    - { name: 'with, comma and "quotes"', method: iid }
+    - { name: 'gr\u00fc\u00df dich', method: sobol }
+stages:
+  env: { synthesize: { name: cathedral, width: 64 } }
+  dist: { distribution: { of: env } }
+  samples: { sample: { of: dist, count: $n }, save: [csv, npy] }
+  drawn: { sample: { of: dist, count: $n, method: $way.method } }
+  sphere: { relight: { env: env, with: drawn, size: 9 } }
+  truth: { relight: { env: env, estimator: exact, size: 9 } }
+  error: { compare: { of: sphere, to: truth, metrics: [rmse, relmse] } }
+  level: { compare: { of: truth, to: truth, metrics: [rmse] } }
+  errors: { table: { of: [error, level] }, save: [csv, json] }
+"""
+
+
+def tables(pipeline, folder, numpy, pandas):
+    """Tables and samples, as pandas reads them, against the same in JSON and NPY."""
+    (folder / "tables.yaml").write_text(TABLES)
+    command = [pipeline, "run", folder / "tables.yaml", "--outputs", folder / "outputs", "-q"]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    published = folder / "outputs" / "tables"
+
+    read = pandas.read_csv(published / "errors.csv")
+    written = json.loads((published / "errors.json").read_text())
+    names = [column["name"] for column in written["columns"]]
+    same("pandas finds the columns of our CSV", read.columns.tolist(), names)
+    rows = [[None if pandas.isna(value) else value for value in row] for row in read.astype(object).values.tolist()]
+    same("pandas reads our CSV of tables as our JSON", rows, written["rows"])
+
+    read = pandas.read_csv(published / "samples" / "n=50.csv")
+    columns = numpy.load(published / "samples" / "n=50.npy")
+    same("pandas reads our CSV of samples as numpy our NPY", read.to_numpy("f8").tobytes(), columns.tobytes())
+
+
 def same(what, found, expected):
     if found != expected:
-        print(f"{what}: DIFFERENT")
+        print(f"{what}: DIFFERENT\n{found}\n{expected}" if isinstance(found, list) else f"{what}: DIFFERENT")
         sys.exit(1)
     print(f"{what}: same bytes")
 

@@ -7,6 +7,7 @@
 use glam::Vec3;
 
 use crate::render::emitter::environment::Environment;
+use crate::render::emitter::spot::Spot;
 use crate::render::ray::{Ray, Surface};
 use crate::render::sampler::unit;
 use crate::render::shape::geometry::Geometry;
@@ -31,6 +32,8 @@ pub enum Source {
         /// Power per solid angle.
         intensity: Vec3,
     },
+    /// A point that shines within a cone.
+    Spot(Spot),
     /// Parallel light.
     Directional {
         /// Unit vector from the scene towards the light.
@@ -71,6 +74,16 @@ pub struct LightSample {
 }
 
 impl LightSample {
+    /// From a point whose intensity depends on the direction away from it.
+    #[inline]
+    fn of_point(position: Vec3, reference: Vec3, pdf: f32, intensity: impl Fn(Vec3) -> Vec3) -> Option<Self> {
+        let way = position - reference;
+        let direction = way.normalize();
+        let radiance = intensity(-direction) / way.length_squared();
+        let is_there = radiance.is_finite() && direction.is_finite();
+        is_there.then_some(Self { direction, radiance, pdf, is_delta: true, target: Some(position) })
+    }
+
     /// The ray along which it may be hidden.
     #[inline]
     pub fn shadow_ray(&self, surface: &Surface) -> Option<Ray> {
@@ -146,13 +159,8 @@ impl Lights {
                 let pdf = sample.pdf * probability;
                 Some(LightSample { direction, radiance, pdf, is_delta: false, target: Some(sample.position) })
             }
-            Source::Point { position, intensity } => {
-                let way = *position - reference;
-                let radiance = *intensity / way.length_squared();
-                let direction = way.normalize();
-                let is_there = radiance.is_finite() && direction.is_finite();
-                is_there.then_some(LightSample { direction, radiance, pdf: probability, is_delta: true, target: Some(*position) })
-            }
+            Source::Point { position, intensity } => LightSample::of_point(*position, reference, probability, |_| *intensity),
+            Source::Spot(spot) => LightSample::of_point(spot.position, reference, probability, |direction| spot.towards(direction)),
             Source::Directional { towards, irradiance } => {
                 Some(LightSample { direction: *towards, radiance: *irradiance, pdf: probability, is_delta: true, target: None })
             }
@@ -241,6 +249,7 @@ impl Source {
             Self::Environment(environment) => 4.0 * PI * PI * radius * radius * environment.mean_luminance(),
             Self::Area { shape, radiance } => PI * geometry.area(*shape) * luminance(radiance.mean()),
             Self::Point { intensity, .. } => 4.0 * PI * luminance(*intensity),
+            Self::Spot(spot) => spot.solid_angle() * luminance(spot.intensity),
             Self::Directional { irradiance, .. } => PI * radius * radius * luminance(*irradiance),
         }
     }

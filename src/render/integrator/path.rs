@@ -13,7 +13,7 @@
 
 use glam::Vec3;
 
-use crate::render::bsdf::Transport;
+use crate::render::bsdf::{Bsdf, Transport};
 use crate::render::bsdf::shading::Shading;
 use crate::render::emitter::lights::LightSample;
 use crate::render::film::Background;
@@ -95,7 +95,7 @@ pub(super) trait Vertex {
 /// A point of a surface, seen from one direction.
 pub(super) struct OnSurface<'a> {
     pub surface: &'a Surface,
-    pub shading: &'a Shading,
+    pub shading: &'a Shading<'a>,
 }
 
 impl Vertex for OnSurface<'_> {
@@ -153,7 +153,7 @@ impl Transporter {
             let outgoing = -ray.direction;
             let bsdf = scene.material_of(surface.shape).on(&surface);
             if depth == 0 {
-                first = FirstHit::of(&surface, outgoing, bsdf.albedo(), hit.distance);
+                first = FirstHit::of(&surface, outgoing, &bsdf, hit.distance);
             }
             if depth == self.max_depth {
                 break;
@@ -308,10 +308,10 @@ impl Transporter {
 }
 
 impl FirstHit {
-    pub(super) fn of(surface: &Surface, outgoing: Vec3, albedo: Vec3, depth: f32) -> Self {
-        let normal = surface.frame.normal;
+    pub(super) fn of(surface: &Surface, outgoing: Vec3, bsdf: &Bsdf<'_>, depth: f32) -> Self {
+        let normal = bsdf.normal_in(&surface.frame);
         let towards_camera = if normal.dot(outgoing) < 0.0 { -normal } else { normal };
-        Self { is_hit: true, albedo, normal: towards_camera, depth }
+        Self { is_hit: true, albedo: bsdf.albedo(), normal: towards_camera, depth }
     }
 }
 

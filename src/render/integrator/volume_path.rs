@@ -133,8 +133,8 @@ impl Transporter {
         }
         let surface = hit.as_ref().map(|hit| (scene.geometry.surface(&path.ray, hit), hit.distance));
         if depth == 0 && let Some((surface, distance)) = &surface {
-            let albedo = scene.material_of(surface.shape).on(surface).albedo();
-            *first = FirstHit::of(surface, -path.ray.direction, albedo, *distance);
+            let bsdf = scene.material_of(surface.shape).on(surface);
+            *first = FirstHit::of(surface, -path.ray.direction, &bsdf, *distance);
         }
         let flight = Ray { reach: hit.map_or(f32::INFINITY, |hit| hit.distance), ..path.ray };
         let u = f64::from(numbers.bits(FLIGHT_SETS + depth)[0]) * OF_32_BITS;

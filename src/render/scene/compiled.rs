@@ -30,10 +30,10 @@ use crate::render::scene::SceneDescription;
 use crate::render::scene::placed::BsdfChoice;
 use crate::render::shape::geometry::{Geometry, Placed};
 use crate::render::shape::mesh::MeshShape;
-use crate::render::shape::{Form, Shape, ShapeError, forms};
 use crate::render::scene_file::SceneFile;
+use crate::render::shape::{Form, Shape, ShapeError, forms};
 use crate::render::texture::bitmap::{Decoding, Pixels, TexelError};
-use crate::render::texture::parameter::{Parameter, Pictures, Reflectance};
+use crate::render::texture::parameter::{Origin, Parameter, Pictures, Reflectance};
 use crate::render::texture::value::{Color, Value};
 use crate::render::transform::{self, TransformError};
 
@@ -112,7 +112,7 @@ pub trait Library {
     fn mesh(&mut self, shape: &MeshShape) -> Result<Arc<Mesh>, Self::Error>;
 
     /// The pixels of a picture.
-    fn pixels(&mut self, file: &SceneFile) -> Result<Pixels, Self::Error>;
+    fn pixels(&mut self, origin: &Origin) -> Result<Pixels, Self::Error>;
 
     /// The densities of a grid.
     fn voxels(&mut self, file: &SceneFile) -> Result<Voxels, Self::Error>;
@@ -129,7 +129,7 @@ impl Library for NoLibrary {
         Err(std::io::ErrorKind::NotFound.into())
     }
 
-    fn pixels(&mut self, _: &SceneFile) -> Result<Pixels, Self::Error> {
+    fn pixels(&mut self, _: &Origin) -> Result<Pixels, Self::Error> {
         Err(std::io::ErrorKind::NotFound.into())
     }
 
@@ -141,7 +141,7 @@ impl Library for NoLibrary {
 /// Pictures of a library, each of them read and decoded once; keeps the first error.
 struct Shelf<'l, L: Library> {
     library: RefCell<&'l mut L>,
-    pictures: RefCell<BTreeMap<(SceneFile, Decoding), Arc<Raster>>>,
+    pictures: RefCell<BTreeMap<(Origin, Decoding), Arc<Raster>>>,
     error: RefCell<Option<L::Error>>,
 }
 
@@ -157,12 +157,12 @@ impl<'l, L: Library> Shelf<'l, L> {
 }
 
 impl<L: Library> Pictures for Shelf<'_, L> {
-    fn picture(&self, file: &SceneFile, decoding: Decoding) -> Option<Arc<Raster>> {
-        let key = (file.clone(), decoding);
+    fn picture(&self, origin: &Origin, decoding: Decoding) -> Option<Arc<Raster>> {
+        let key = (origin.clone(), decoding);
         if let Some(known) = self.pictures.borrow().get(&key) {
             return Some(known.clone());
         }
-        match self.library.borrow_mut().pixels(file) {
+        match self.library.borrow_mut().pixels(origin) {
             Ok(pixels) => {
                 let raster = Arc::new(pixels.decoded(decoding));
                 self.pictures.borrow_mut().insert(key, raster.clone());
@@ -380,6 +380,7 @@ fn sources<E: Send>(
             EmitterDescription::Point(parameters) => {
                 sources.push(Source::Point { position: parameters.position.vec3(), intensity: parameters.intensity.inner() });
             }
+            EmitterDescription::Spot(parameters) => sources.push(Source::Spot(parameters.spot())),
             EmitterDescription::Directional(parameters) => {
                 let towards = parameters.towards.vec3().normalize_or_zero();
                 sources.push(Source::Directional { towards, irradiance: parameters.irradiance.inner() });

@@ -236,6 +236,11 @@ impl SceneDescription {
                 EmitterDescription::Directional(DirectionalParameters { towards, .. }) if towards.vec3() == Vec3::ZERO => {
                     add(".directional.towards", "`towards` is zero; it is a direction from the scene towards the light");
                 }
+                EmitterDescription::Spot(spot) => {
+                    if let Some((field, message)) = spot.mistake() {
+                        add(&format!(".spot.{field}"), &message);
+                    }
+                }
                 EmitterDescription::Directional(_) | EmitterDescription::Point(_) => {}
             }
         }

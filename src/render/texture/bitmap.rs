@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::image::display;
 use crate::image::raster::{Picture, Raster};
-use crate::render::scene_file::SceneFile;
 use crate::render::texture::Texel;
+use crate::render::texture::parameter::Origin;
 
 /// The pixels of a file, before it is known what they mean.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,12 +96,9 @@ pub struct Bitmap<T> {
 
 /// A texel that the parameter may not have.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error(
-    "`{}`: the pixel in column {x} of row {y} gives `{value}`, which is not from {least} to {greatest}: set `clamp: true`, or a `factor`",
-    .file.0.display()
-)]
+#[error("{origin}: the pixel in column {x} of row {y} gives `{value}`, which is not from {least} to {greatest}: set `clamp: true`, or a `factor`")]
 pub struct TexelError {
-    file: SceneFile,
+    origin: Origin,
     x: usize,
     y: usize,
     value: f32,
@@ -123,14 +120,14 @@ impl<T: Texel> Bitmap<T> {
         Self { raster, layout, factor, least, greatest, value: PhantomData }
     }
 
-    /// The first texel outside the range, if there is one; `file` is for the message.
-    pub fn outside(&self, file: &SceneFile) -> Option<TexelError> {
+    /// The first texel outside the range, if there is one; `origin` is for the message.
+    pub fn outside(&self, origin: &Origin) -> Option<TexelError> {
         let (least, greatest) = (self.least, self.greatest);
         let place = |index| (index % self.raster.width(), index / self.raster.width());
         self.raster.pixels().iter().enumerate().find_map(|(index, pixel)| {
             let value = T::of_color(Vec3::from_array(*pixel)).scaled(self.factor).outside(least, greatest)?;
             let (x, y) = place(index);
-            Some(TexelError { file: file.clone(), x, y, value, least, greatest })
+            Some(TexelError { origin: origin.clone(), x, y, value, least, greatest })
         })
     }
 
@@ -281,7 +278,7 @@ mod tests {
 
     #[test]
     fn texels_outside_the_range_are_told_by_their_place() {
-        let file = SceneFile("a.png".into());
+        let file = Origin::Stage("a".into());
         let bitmap = Bitmap::<f32> { greatest: 3.0, ..four(Wrap::Clamp, Interpolation::Nearest) };
         let error = bitmap.outside(&file).unwrap();
         assert_eq!((error.x, error.y, error.value), (1, 1, 4.0));

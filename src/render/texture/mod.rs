@@ -201,9 +201,11 @@ impl<T: Texel> Texture<T> {
     pub fn constant(&self) -> Option<T> {
         if let Self::Constant(value) = self { Some(*value) } else { None }
     }
+}
 
+impl Texture<Vec3> {
     /// About the mean over the unit square: of a picture the mean of its texels, else by points on a grid.
-    pub fn mean(&self) -> T {
+    pub fn mean(&self) -> Vec3 {
         const SIDE: u32 = 16;
         let at = |index: u32| {
             let [u, v] = [index % SIDE, index / SIDE].map(|step| (step as f32 + 0.5) / SIDE as f32);
@@ -212,8 +214,7 @@ impl<T: Texel> Texture<T> {
         match self {
             Self::Constant(value) => *value,
             Self::Bitmap(bitmap) => bitmap.mean(),
-            // The running mean of the first k points.
-            _ => (1..SIDE * SIDE).fold(at(0), |mean, index| mean.mixed(at(index), 1.0 / (index + 1) as f32)),
+            _ => (0..SIDE * SIDE).map(at).sum::<Vec3>() / (SIDE * SIDE) as f32,
         }
     }
 }

@@ -63,7 +63,11 @@ pub enum Pattern<V> {
 #[serde(deny_unknown_fields)]
 pub struct BitmapParameters {
     /// The file. Its bottom row lies at v = 0.
-    pub path: SceneFile,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<SceneFile>,
+    /// Name of an entry of the stage's `textures`, instead of a file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of: Option<String>,
     /// Pictures per unit of u and of v: a number, or one for each. Default 1.
     #[serde(default = "Pair::one")]
     pub scale: Pair,
@@ -231,10 +235,28 @@ impl JsonSchema for Pair {
     }
 }
 
+/// Where the pixels of a picture come from.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Origin {
+    /// A file.
+    File(SceneFile),
+    /// Another stage, by the name that the scene has for it.
+    Stage(String),
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(SceneFile(path)) => write!(out, "`{}`", path.display()),
+            Self::Stage(name) => write!(out, "texture `{name}`"),
+        }
+    }
+}
+
 /// Gives the pictures that textures name.
 pub trait Pictures {
-    /// The picture of a file; `None` where files are not read, or this one could not be.
-    fn picture(&self, file: &SceneFile, decoding: Decoding) -> Option<Arc<Raster>>;
+    /// A picture; `None` where files are not read, or this one could not be.
+    fn picture(&self, origin: &Origin, decoding: Decoding) -> Option<Arc<Raster>>;
 }
 
 /// Of no file: for checks before anything is read, in which a picture stands for the least value of its parameter.
@@ -242,7 +264,7 @@ pub trait Pictures {
 pub struct Unread;
 
 impl Pictures for Unread {
-    fn picture(&self, _: &SceneFile, _: Decoding) -> Option<Arc<Raster>> {
+    fn picture(&self, _: &Origin, _: Decoding) -> Option<Arc<Raster>> {
         None
     }
 }
@@ -267,12 +289,20 @@ impl<V: Value> Parameter<V> {
 }
 
 impl BitmapParameters {
+    /// The file or else the stage that is named; `None` where neither is.
+    fn origin(&self) -> Option<Origin> {
+        let stage = self.of.clone().map(Origin::Stage);
+        self.path.clone().map(Origin::File).or(stage)
+    }
+
     fn texture<V: Value>(&self, pictures: &dyn Pictures) -> Result<Texture<V::Inner>, TexelError> {
         let decoding = self.decoding.unwrap_or(V::USUAL_DECODING);
-        let Some(raster) = pictures.picture(&self.path, decoding) else { return Ok(Texture::Constant(V::least())) };
+        let least = Texture::Constant(V::least());
+        let Some(origin) = self.origin() else { return Ok(least) };
+        let Some(raster) = pictures.picture(&origin, decoding) else { return Ok(least) };
         let layout = Layout { scale: self.scale.vec2(), offset: self.offset.vec2(), wrap: self.wrap, filter: self.filter };
         let bitmap = Bitmap::new(raster, layout, self.factor as f32, V::LIMITS.map(|limit| limit as f32));
-        match bitmap.outside(&self.path).filter(|_| !self.clamp) {
+        match bitmap.outside(&origin).filter(|_| !self.clamp) {
             Some(error) => Err(error),
             None => Ok(Texture::Bitmap(bitmap)),
         }
@@ -380,7 +410,7 @@ mod tests {
     struct Grey;
 
     impl Pictures for Grey {
-        fn picture(&self, _: &SceneFile, decoding: Decoding) -> Option<Arc<Raster>> {
+        fn picture(&self, _: &Origin, decoding: Decoding) -> Option<Arc<Raster>> {
             let value = if decoding == Decoding::Data { 0.25 } else { 0.05 };
             Some(Arc::new(Raster::new(2, 1, vec![[value; 3], [1.5; 3]])))
         }

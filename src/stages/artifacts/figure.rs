@@ -13,7 +13,7 @@ const HEADER: &[u8] = b"pipeline figure 1\n";
 impl Artifact for Chart {
     const TYPE: TypeName = "figure";
     const FORMATS: &'static [&'static str] = &["svg", "png", "pdf"];
-    const ENCODER_VERSION: u32 = 2;
+    const ENCODER_VERSION: u32 = 3;
 
     fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         out.write_all(HEADER)?;
