@@ -113,7 +113,7 @@ fn execute_from_memory(
 ) -> Result<Option<Summary>, RunError> {
     let settings = manner.settings();
     let progress = Progress::new(screen, manner.talk, settings.threads);
-    let mut listener = Listeners { interrupt: interrupt.clone(), progress, events: None };
+    let mut listener = Listeners { interrupt: interrupt.clone(), progress, events: None, viewer: None };
     let result = run::memory::run(request, places, settings, &interrupt.flag, &mut listener);
     listener.progress.end();
     Ok(result?)

@@ -51,7 +51,7 @@ fn built(registry: &Registry, request: &Request, sources: &mut Sources, findings
     };
     let axes: Vec<Axis> = document.axes.iter().map(|entry| read(entry, findings)).collect();
     warn_of_references_in_parameters(&document, &axes, findings);
-    sections::put_in(&mut document, &axes, sources, findings);
+    sections::put_in(registry, &mut document, &axes, sources, findings);
     let (limit, inputs) = (request.max_jobs, request.inputs.as_ref());
     let world = World { registry, document, axes, sources, limit, inputs, rules: RefCell::default() };
     let drafts = drafts(&world, findings);

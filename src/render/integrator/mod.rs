@@ -5,6 +5,7 @@
 
 pub mod normals;
 pub mod path;
+pub mod volume_path;
 
 use std::num::NonZeroU32;
 
@@ -14,6 +15,8 @@ use serde::{Deserialize, Serialize};
 use crate::render::bsdf::DirectionSampling;
 use crate::render::emitter::environment::Density;
 use crate::render::integrator::path::Transporter;
+use crate::render::integrator::volume_path::VolumePathParameters;
+use crate::render::medium::Tracking;
 
 /// How radiance is estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -25,6 +28,8 @@ pub enum IntegratorDescription {
     Direct(DirectParameters),
     /// All light, along paths of any length (Kajiya 1986; multiple importance sampling of Veach and Guibas 1995).
     Path(PathParameters),
+    /// The same through media that scatter light on its way (`medium` of a shape).
+    VolumePath(VolumePathParameters),
 }
 
 impl Default for IntegratorDescription {
@@ -178,8 +183,10 @@ impl Default for PathParameters {
 pub enum Integrator {
     /// Normals as colors.
     Normals,
-    /// Everything else.
+    /// Surfaces alone.
     Path(Transporter),
+    /// Surfaces and media.
+    VolumePath(Transporter),
 }
 
 impl IntegratorDescription {
@@ -203,6 +210,27 @@ impl IntegratorDescription {
                 emitter_candidates: candidates(kind.emitter_candidates, kind.environment, kind.strategy, has_map),
                 clamp_indirect: kind.clamp_indirect.unwrap_or(f32::INFINITY),
             }),
+            Self::VolumePath(kind) => Integrator::VolumePath(Transporter {
+                max_depth: kind.max_depth,
+                roulette_depth: kind.roulette_depth,
+                strategy: kind.strategy,
+                emitter_samples: 1,
+                emitter_candidates: candidates(kind.emitter_candidates, kind.environment, kind.strategy, has_map),
+                clamp_indirect: kind.clamp_indirect.unwrap_or(f32::INFINITY),
+            }),
+        }
+    }
+
+    /// Whether media in the scene are seen.
+    pub fn follows_media(&self) -> bool {
+        matches!(self, Self::VolumePath(_))
+    }
+
+    /// How media are followed.
+    pub fn tracking(&self) -> Tracking {
+        match self {
+            Self::VolumePath(kind) => kind.tracking,
+            _ => Tracking::default(),
         }
     }
 
@@ -213,6 +241,7 @@ impl IntegratorDescription {
             Self::Normals(_) => return Density::Uniform,
             Self::Direct(kind) => (kind.environment, kind.strategy, kind.mis_compensation),
             Self::Path(kind) => (kind.environment, kind.strategy, kind.mis_compensation),
+            Self::VolumePath(kind) => (kind.environment, kind.strategy, kind.mis_compensation),
         };
         match (environment, strategy) {
             (EnvironmentSampling::Uniform, _) => Density::Uniform,
@@ -226,7 +255,7 @@ impl IntegratorDescription {
     fn draws(&self) -> u32 {
         match self.compiled(true) {
             Integrator::Normals => 0,
-            Integrator::Path(transporter) => transporter.draws(),
+            Integrator::Path(transporter) | Integrator::VolumePath(transporter) => transporter.draws(),
         }
     }
 
@@ -236,6 +265,7 @@ impl IntegratorDescription {
             Self::Normals(_) => DirectionSampling::default(),
             Self::Direct(kind) => kind.bsdf_sampling,
             Self::Path(kind) => kind.bsdf_sampling,
+            Self::VolumePath(kind) => kind.bsdf_sampling,
         }
     }
 
@@ -243,10 +273,16 @@ impl IntegratorDescription {
     pub fn caveats(&self) -> Vec<String> {
         let clamp = match self {
             Self::Path(kind) => kind.clamp_indirect,
+            Self::VolumePath(kind) => kind.clamp_indirect,
             Self::Normals(_) | Self::Direct(_) => None,
         };
         let said = |clamp| format!("`clamp_indirect: {clamp}` is biased: it loses the light of indirect paths beyond that");
-        clamp.map(said).into_iter().collect()
+        let mut caveats: Vec<String> = clamp.map(said).into_iter().collect();
+        if self.tracking() == Tracking::SquaredDensity {
+            let what = "light is scattered by the square of the density; right where that is 0 or 1 alone";
+            caveats.push(format!("`tracking: squared-density` (fourth report) is biased: {what}"));
+        }
+        caveats
     }
 }
 

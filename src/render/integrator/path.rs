@@ -27,11 +27,11 @@ use crate::render::scene::compiled::Scene;
 /// Numbers of the camera: the place on the film, the place on the lens.
 pub const CAMERA_SETS: u32 = 2;
 /// Sets of a vertex: the light, the direction of scattering, and choices.
-const VERTEX_SETS: u32 = 3;
+pub(super) const VERTEX_SETS: u32 = 3;
 /// The direction of scattering among the sets of a vertex.
-const DIRECTION_SET: u32 = 1;
+pub(super) const DIRECTION_SET: u32 = 1;
 /// Choices among the sets of a vertex: the lobe; the light of several, and whether the path goes on.
-const CHOICE_SET: u32 = 2;
+pub(super) const CHOICE_SET: u32 = 2;
 /// The largest number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 /// Red, green and blue.
@@ -113,27 +113,62 @@ impl Choice {
         }
     }
 
-    /// What the candidates bring together to the channels whose kept one is not hidden.
+    /// What the candidates bring together, each channel by the share of its kept one that comes through.
     #[inline]
-    fn seen(&self, is_seen: impl Fn(&LightSample) -> bool) -> Vec3 {
-        let mut seen = Vec3::ZERO;
+    fn seen(&self, mut share_seen: impl FnMut(&LightSample) -> f32) -> Vec3 {
+        let mut shares = [0.0; CHANNELS];
         for channel in 0..CHANNELS {
             let Some(light) = &self.kept[channel] else { continue };
             let same = (0..channel).find(|&other| self.kept[other].is_some() && self.indices[other] == self.indices[channel]);
-            let is_lit = same.map_or_else(|| is_seen(light), |other| seen[other] > 0.0);
-            seen[channel] = if is_lit { self.total[channel] } else { 0.0 };
+            shares[channel] = same.map_or_else(|| share_seen(light), |other| shares[other]);
         }
-        seen
+        let channel = |index: usize| if shares[index] > 0.0 { self.total[index] * shares[index] } else { 0.0 };
+        Vec3::new(channel(0), channel(1), channel(2))
     }
 }
 
 /// How the ray at hand was found, for the weight of the light that it hits.
 #[derive(Debug, Clone, Copy)]
-enum Origin {
+pub(super) enum Origin {
     /// By the camera or by a lobe that no drawing of lights could have found.
     Unique,
     /// By scattering at that point, with that density.
     Scattered { reference: Vec3, pdf: f32 },
+}
+
+/// A point that scatters light.
+pub(super) trait Vertex {
+    /// Where it is.
+    fn position(&self) -> Vec3;
+
+    /// What part of the light from a direction is scattered on, and the density of scattering into that direction.
+    fn evaluate_with_pdf(&self, direction: Vec3) -> (Vec3, f32);
+
+    /// The ray along which a light may be hidden; `None` where it is at this very point.
+    fn shadow_ray(&self, light: &LightSample) -> Option<Ray>;
+}
+
+/// A point of a surface, seen from one direction.
+pub(super) struct OnSurface<'a> {
+    pub surface: &'a Surface,
+    pub shading: &'a Shading<'a>,
+}
+
+impl Vertex for OnSurface<'_> {
+    #[inline]
+    fn position(&self) -> Vec3 {
+        self.surface.position
+    }
+
+    #[inline]
+    fn evaluate_with_pdf(&self, direction: Vec3) -> (Vec3, f32) {
+        self.shading.evaluate_with_pdf(direction, Transport::Radiance)
+    }
+
+    #[inline]
+    fn shadow_ray(&self, light: &LightSample) -> Option<Ray> {
+        light.shadow_ray(self.surface)
+    }
 }
 
 impl Transporter {
@@ -182,7 +217,9 @@ impl Transporter {
             let shading = Shading::new(bsdf, &surface.frame, surface.normal, outgoing);
             let sets = CAMERA_SETS + VERTEX_SETS * depth;
             if !bsdf.is_delta() {
-                let direct = self.direct(scene, &surface, &shading, numbers, sets);
+                let vertex = OnSurface { surface: &surface, shading: &shading };
+                let visible = |ray: &Ray| (!scene.geometry.is_occluded(ray)).then_some(1.0);
+                let direct = self.direct(scene, &vertex, numbers, sets, visible);
                 radiance += self.limited(throughput * direct, depth + 1);
             }
             let choice = numbers.bits(sets + CHOICE_SET);
@@ -205,39 +242,48 @@ impl Transporter {
         (radiance, first)
     }
 
-    /// Light by drawing lights from a vertex.
-    fn direct(&self, scene: &Scene, surface: &Surface, shading: &Shading<'_>, numbers: &Numbers<'_>, sets: u32) -> Vec3 {
+    /// Light by drawing lights from a vertex; `visible` gives the share that comes through along a ray, if any does.
+    #[inline]
+    pub(super) fn direct(
+        &self,
+        scene: &Scene,
+        vertex: &impl Vertex,
+        numbers: &Numbers<'_>,
+        sets: u32,
+        mut visible: impl FnMut(&Ray) -> Option<f32>,
+    ) -> Vec3 {
         if scene.lights.is_empty() {
             return Vec3::ZERO;
         }
-        let is_seen = |light: &LightSample| light.shadow_ray(surface).is_some_and(|ray| !scene.geometry.is_occluded(&ray));
+        let mut share_seen = |light: &LightSample| vertex.shadow_ray(light).and_then(|ray| visible(&ray)).unwrap_or(0.0);
         let (count, draws) = (self.emitter_candidates, self.draws());
         if draws == 1 {
-            let candidate = self.candidate(scene, surface, shading, numbers.bits(sets));
-            return candidate.filter(|candidate| is_seen(&candidate.light)).map_or(Vec3::ZERO, |candidate| candidate.brought);
+            let Some(candidate) = self.candidate(scene, vertex, numbers.bits(sets)) else { return Vec3::ZERO };
+            let share = share_seen(&candidate.light);
+            return if share > 0.0 { candidate.brought * share } else { Vec3::ZERO };
         }
         let mut sum = Vec3::ZERO;
         for part in 0..self.emitter_samples {
             let mut choice = Choice::new(unit(numbers.bits_of_part(sets + CHOICE_SET, part, self.emitter_samples)[1]));
             for index in part * count..(part + 1) * count {
-                if let Some(candidate) = self.candidate(scene, surface, shading, numbers.bits_of_part(sets, index, draws)) {
+                if let Some(candidate) = self.candidate(scene, vertex, numbers.bits_of_part(sets, index, draws)) {
                     choice.add(index, &candidate);
                 }
             }
-            sum += choice.seen(is_seen);
+            sum += choice.seen(&mut share_seen);
         }
         sum / draws as f32
     }
 
     /// A draw of a light; `None` where it brings nothing, hidden or not.
     #[inline]
-    fn candidate(&self, scene: &Scene, surface: &Surface, shading: &Shading<'_>, bits: [u32; 2]) -> Option<Candidate> {
-        let light = scene.lights.sample(&scene.geometry, surface.position, bits)?;
+    fn candidate(&self, scene: &Scene, vertex: &impl Vertex, bits: [u32; 2]) -> Option<Candidate> {
+        let light = scene.lights.sample(&scene.geometry, vertex.position(), bits)?;
         let is_left_to_scattering = self.strategy == Strategy::Bsdf && !light.is_delta;
         if is_left_to_scattering || light.pdf <= 0.0 || light.radiance == Vec3::ZERO {
             return None;
         }
-        let (value, scattering_pdf) = shading.evaluate_with_pdf(light.direction, Transport::Radiance);
+        let (value, scattering_pdf) = vertex.evaluate_with_pdf(light.direction);
         if value == Vec3::ZERO {
             return None;
         }
@@ -257,7 +303,7 @@ impl Transporter {
     }
 
     /// What the environment adds to a ray that hits nothing.
-    fn background(&self, scene: &Scene, direction: Vec3, origin: Origin) -> Vec3 {
+    pub(super) fn background(&self, scene: &Scene, direction: Vec3, origin: Origin) -> Vec3 {
         match origin {
             Origin::Unique => scene.lights.environment().map_or(Vec3::ZERO, |environment| environment.radiance(direction)),
             Origin::Scattered { .. } if self.strategy == Strategy::Emitter => Vec3::ZERO,
@@ -269,7 +315,7 @@ impl Transporter {
     }
 
     /// What a surface adds by its own light.
-    fn emission(&self, scene: &Scene, ray: &Ray, surface: &Surface, origin: Origin) -> Vec3 {
+    pub(super) fn emission(&self, scene: &Scene, ray: &Ray, surface: &Surface, origin: Origin) -> Vec3 {
         let Some(emitted) = scene.lights.emitted(surface, ray.direction) else { return Vec3::ZERO };
         match origin {
             Origin::Unique => emitted,
@@ -289,14 +335,14 @@ impl Transporter {
     }
 
     /// Scales down what is too bright, after the first scattering.
-    fn limited(&self, added: Vec3, scatterings: u32) -> Vec3 {
+    pub(super) fn limited(&self, added: Vec3, scatterings: u32) -> Vec3 {
         let largest = added.max_element();
         if scatterings < 2 || largest <= self.clamp_indirect { added } else { added * (self.clamp_indirect / largest) }
     }
 }
 
 impl FirstHit {
-    fn of(surface: &Surface, outgoing: Vec3, bsdf: &Bsdf<'_>, depth: f32) -> Self {
+    pub(super) fn of(surface: &Surface, outgoing: Vec3, bsdf: &Bsdf<'_>, depth: f32) -> Self {
         let normal = bsdf.normal_in(&surface.frame);
         let towards_camera = if normal.dot(outgoing) < 0.0 { -normal } else { normal };
         Self { is_hit: true, albedo: bsdf.albedo(), normal: towards_camera, depth }
@@ -339,7 +385,7 @@ mod tests {
         const NUMBERS: u32 = 40_000;
         for hidden in 0..1_usize << COLORED.len() {
             let is_seen = |index: usize| hidden >> index & 1 == 0;
-            let seen = |k: u32| chosen((k as f32 + 0.5) / NUMBERS as f32, &COLORED).seen(|light| is_seen(light.pdf as usize));
+            let seen = |k: u32| chosen((k as f32 + 0.5) / NUMBERS as f32, &COLORED).seen(|light| f32::from(is_seen(light.pdf as usize)));
             let mean = (0..NUMBERS).map(|k| seen(k).as_dvec3()).sum::<glam::DVec3>() / f64::from(NUMBERS);
             let expected: Vec3 = (0..COLORED.len()).filter(|&index| is_seen(index)).map(|index| COLORED[index]).sum();
             assert!((mean - expected.as_dvec3()).abs().max_element() < 1e-3, "{hidden:b}: {mean} {expected}");
@@ -349,7 +395,7 @@ mod tests {
     #[test]
     fn where_nothing_is_hidden_the_choice_adds_no_noise() {
         for k in 0..100 {
-            assert_eq!(chosen(k as f32 / 100.0, &COLORED).seen(|_| true), COLORED.into_iter().sum::<Vec3>());
+            assert_eq!(chosen(k as f32 / 100.0, &COLORED).seen(|_| 1.0), COLORED.into_iter().sum::<Vec3>());
         }
     }
 
@@ -360,7 +406,7 @@ mod tests {
             let shades = [0.5, 2.0, 0.25, 8.0].map(|strength| Vec3::new(1.0, 0.5, 0.25) * strength);
             chosen(k as f32 / 100.0, &shades).seen(|_| {
                 asked.set(asked.get() + 1);
-                true
+                1.0
             });
             assert_eq!(asked.get(), 1, "{k}");
         }
@@ -368,7 +414,7 @@ mod tests {
 
     #[test]
     fn what_is_infinite_shows() {
-        let seen = |brought: &[Vec3]| chosen(0.5, brought).seen(|_| true).x;
+        let seen = |brought: &[Vec3]| chosen(0.5, brought).seen(|_| 1.0).x;
         assert_eq!(seen(&[Vec3::INFINITY, Vec3::ONE]), f32::INFINITY);
         assert_eq!(seen(&[Vec3::MAX, Vec3::MAX]), f32::INFINITY);
     }
