@@ -15,8 +15,8 @@
 
 use glam::Vec3;
 
-use crate::render::bsdf::{Bsdf, Transport};
 use crate::render::bsdf::shading::Shading;
+use crate::render::bsdf::{Bsdf, Transport};
 use crate::render::emitter::lights::LightSample;
 use crate::render::film::Background;
 use crate::render::integrator::Strategy;
