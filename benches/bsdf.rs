@@ -1,7 +1,7 @@
 //! Times of scattering, one draw or one evaluation each: `cargo bench --bench bsdf`. One thread.
 
 use divan::{Bencher, black_box};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use pipeline::math::stream::{Purpose, Stream};
 use pipeline::render::bsdf::material::Material;
 use pipeline::render::bsdf::measure::EXAMPLES;
@@ -12,11 +12,11 @@ fn main() {
     divan::main();
 }
 
-fn bsdf(text: &str) -> Bsdf {
+fn bsdf(text: &str) -> Bsdf<'static> {
     let json: serde_json::Value = serde_yaml::from_str(text).expect("an example");
     let description: BsdfDescription = serde_json::from_value(json).expect("an example");
-    let anywhere = TexturePoint { uv: Vec2::ZERO, position: Vec3::ZERO };
-    Material::new(&description, DirectionSampling::Bsdf).expect("an example").at(&anywhere)
+    let material = Material::new(&description, DirectionSampling::Bsdf).expect("an example");
+    Box::leak(Box::new(material)).at(&TexturePoint::ANYWHERE)
 }
 
 /// Directions above the surface and numbers, so that no branch is foretold.

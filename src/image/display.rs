@@ -41,6 +41,15 @@ pub fn decoded(picture: &Picture) -> Image {
     image
 }
 
+/// The values of a picture from 0 to 1 as they stand, without a curve: for normals, roughness and other data.
+pub fn undecoded(picture: &Picture) -> Raster {
+    let pixels = match &picture.samples {
+        PictureSamples::Eight(samples) => samples.par_iter().map(|pixel| pixel.map(|code| f32::from(code) / 255.0)).collect(),
+        PictureSamples::Sixteen(samples) => samples.par_iter().map(|pixel| pixel.map(|code| f32::from(code) / 65_535.0)).collect(),
+    };
+    Raster::new(picture.width, picture.height, pixels)
+}
+
 /// sRGB-encoded value times `largest`, to the nearest; linear 0 to 1 is the range.
 fn quantized(value: f32, largest: f64) -> u16 {
     // A NaN is not above zero either.

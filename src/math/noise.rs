@@ -4,7 +4,11 @@
 //! twelve gradients to the edges of a cube. Perlin's table of 256 entries is replaced by a hash of the
 //! lattice coordinates, so that nothing repeats and every seed gives another field.
 
+use std::f64::consts::PI;
+
 use glam::DVec3;
+
+use crate::math::elementary;
 
 /// A hash of a lattice point; all 64 bits depend on all inputs.
 ///
@@ -39,18 +43,53 @@ pub fn perlin(point: DVec3, seed: u64) -> f64 {
     mix(w, mix(v, edge(0, 0), edge(1, 0)), mix(v, edge(0, 1), edge(1, 1)))
 }
 
-/// Fractal sum of gradient noise: each octave has twice the frequency and `gain` times the amplitude.
+/// Noise of random values at lattice points, between which it goes by the cosine: t' = (1 - cos pi t) / 2; in [0, 1).
 ///
-/// sum of gain^k perlin(2^k p) over sum of gain^k, so that the range stays that of [`perlin`].
-pub fn fractal(point: DVec3, octaves: u32, gain: f64, seed: u64) -> f64 {
-    let (mut sum, mut amplitudes, mut amplitude, mut frequency) = (0.0, 0.0, 1.0, 1.0);
-    for octave in 0..octaves {
-        sum += amplitude * perlin(point * frequency, seed.wrapping_add(u64::from(octave)));
-        amplitudes += amplitude;
-        amplitude *= gain;
-        frequency *= 2.0;
+/// The fourth report's noise. It is value noise and not Perlin's: lattice points are its extremes.
+pub fn cosine_value(point: DVec3, seed: u64) -> f64 {
+    let [x, y, z] = point.to_array().map(floor);
+    let f = point - DVec3::new(f64::from(x), f64::from(y), f64::from(z));
+    let [u, v, w] = [f.x, f.y, f.z].map(|t| 0.5 - 0.5 * elementary::cos(PI * t));
+    let corner = |i: i32, j: i32, k: i32| f64::from(lattice_uniform(x.wrapping_add(i), y.wrapping_add(j), z.wrapping_add(k), seed));
+    let edge = |j: i32, k: i32| mix(u, corner(0, j, k), corner(1, j, k));
+    mix(w, mix(v, edge(0, 0), edge(1, 0)), mix(v, edge(0, 1), edge(1, 1)))
+}
+
+/// Sizes of a noise that are added: each octave is finer than the one before, and weaker.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Octaves {
+    /// How many.
+    pub count: u32,
+    /// Frequency of each over that of the one before.
+    pub lacunarity: f64,
+    /// Amplitude of each over that of the one before.
+    pub gain: f64,
+}
+
+impl Octaves {
+    /// sum of gain^k noise(lacunarity^k p) over sum of gain^k, so that the range stays that of `noise`.
+    ///
+    /// Octave k has the seed `seed` + k.
+    pub fn sum(&self, point: DVec3, seed: u64, noise: impl Fn(DVec3, u64) -> f64) -> f64 {
+        let (mut sum, mut amplitudes, mut amplitude, mut frequency) = (0.0, 0.0, 1.0, 1.0);
+        for octave in 0..self.count {
+            sum += amplitude * noise(point * frequency, seed.wrapping_add(u64::from(octave)));
+            amplitudes += amplitude;
+            amplitude *= self.gain;
+            frequency *= self.lacunarity;
+        }
+        if amplitudes > 0.0 { sum / amplitudes } else { 0.0 }
     }
-    if amplitudes > 0.0 { sum / amplitudes } else { 0.0 }
+
+    /// Frequency of the finest over that of the first.
+    pub fn finest(&self) -> f64 {
+        (1..self.count).fold(1.0, |frequency, _| frequency * self.lacunarity.max(1.0))
+    }
+}
+
+/// Fractal sum of gradient noise: each octave has twice the frequency and `gain` times the amplitude.
+pub fn fractal(point: DVec3, count: u32, gain: f64, seed: u64) -> f64 {
+    Octaves { count, lacunarity: 2.0, gain }.sum(point, seed, perlin)
 }
 
 /// The largest integer not above `x`; saturates, so that noise far outside is flat and not wrong.
@@ -93,6 +132,24 @@ mod tests {
                 assert_eq!(perlin(DVec3::new(f64::from(x), f64::from(y), 5.0), 9), 0.0);
             }
         }
+    }
+
+    #[test]
+    fn value_noise_is_the_lattice_value_at_lattice_points_and_the_cosine_between() {
+        let at = |x: f64| cosine_value(DVec3::new(x, 2.0, -3.0), 9);
+        let corner = |x| f64::from(lattice_uniform(x, 2, -3, 9));
+        assert_eq!([at(4.0), at(5.0)], [corner(4), corner(5)]);
+        // (1 - cos(pi / 4)) / 2 of the way after a quarter.
+        let part = 0.5 - 0.5 * std::f64::consts::FRAC_1_SQRT_2;
+        assert!((at(4.25) - (corner(4) + part * (corner(5) - corner(4)))).abs() < 1e-12);
+    }
+
+    #[test]
+    fn octaves_are_weighted_by_their_gain() {
+        let octaves = Octaves { count: 3, lacunarity: 3.0, gain: 0.25 };
+        let frequencies = octaves.sum(DVec3::X, 7, |point, seed| point.x * [1.0, 10.0, 100.0][seed as usize - 7]);
+        assert_eq!(frequencies, (1.0 + 0.25 * 30.0 + 0.0625 * 900.0) / 1.3125);
+        assert_eq!(octaves.finest(), 9.0);
     }
 
     #[test]

@@ -127,13 +127,10 @@ impl Line<'_> {
         let scene = self.scene;
         let [dx, dy] = scene.filter.offset(numbers.pair(FILM_SET));
         let lens = if scene.camera.has_lens() { numbers.pair(LENS_SET) } else { [0.5; 2] };
-        let ray = scene.camera.ray([x as f32 + 0.5 + dx, self.y as f32 + 0.5 + dy], lens);
-        let (color, first) = match &scene.integrator {
-            Integrator::Path(transporter) => transporter.radiance(scene, ray, numbers),
-            Integrator::Normals => {
-                let first: FirstHit = Transporter::EMITTERS_ALONE.radiance(scene, ray, numbers).1;
-                (normals::color(&first), first)
-            }
+        let position = [x as f32 + 0.5 + dx, self.y as f32 + 0.5 + dy];
+        let (color, first) = match scene.camera.parted(position) {
+            None => self.traced(position, lens, numbers),
+            Some(positions) => self.traced_by_channel(positions, lens, numbers),
         };
         let is_right = color.min_element() >= 0.0 && color.max_element() <= LARGEST && !color.is_nan();
         is_right.then(|| {
@@ -147,6 +144,27 @@ impl Line<'_> {
             }
             sums
         })
+    }
+
+    /// Color and first surface at a position of the film.
+    #[inline]
+    fn traced(&self, position: [f32; 2], lens: [f32; 2], numbers: &Numbers<'_>) -> (Vec3, FirstHit) {
+        let scene = self.scene;
+        let ray = scene.camera.ray(position, lens);
+        match &scene.integrator {
+            Integrator::Path(transporter) => transporter.radiance(scene, ray, numbers),
+            Integrator::VolumePath(transporter) => transporter.radiance_through_media(scene, ray, numbers),
+            Integrator::Normals => {
+                let first: FirstHit = Transporter::EMITTERS_ALONE.radiance(scene, ray, numbers).1;
+                (normals::color(&first), first)
+            }
+        }
+    }
+
+    /// Red, green and blue each from its own position, with the same numbers; green's surface is the first one.
+    fn traced_by_channel(&self, positions: [[f32; 2]; 3], lens: [f32; 2], numbers: &Numbers<'_>) -> (Vec3, FirstHit) {
+        let [red, (green, first), blue] = positions.map(|position| self.traced(position, lens, numbers));
+        (Vec3::new(red.0.x, green.y, blue.0.z), first)
     }
 
     #[inline]
@@ -176,7 +194,7 @@ mod tests {
     use crate::light::envmap::EnvMap;
     use crate::light::test_maps;
     use crate::render::scene::SceneDescription;
-    use crate::render::scene::compiled::Surroundings;
+    use crate::render::scene::compiled::{NoLibrary, Surroundings};
 
     fn description(text: &str) -> SceneDescription {
         let text = serde_yaml::Deserializer::from_str(text);
@@ -187,7 +205,7 @@ mod tests {
 
     fn compiled(description: &SceneDescription, env: Option<&EnvMap>) -> Scene {
         let surroundings = Surroundings { env, lights: None, seed: 5 };
-        Scene::new(description, &surroundings, |_| unreachable!("no meshes"), || Ok::<(), Infallible>(())).unwrap()
+        Scene::new(description, &surroundings, &mut NoLibrary, || Ok(())).unwrap()
     }
 
     fn film(description: &SceneDescription, env: Option<&EnvMap>, window: Window, block: Block, start: Option<&Film>) -> Film {
@@ -287,6 +305,104 @@ shapes: [{ sphere: {}, bsdf: { diffuse: { reflectance: 1 } } }]
                 // Edge pixels have few samples.
                 let tolerance = if *alpha < 1.0 { 10.0 * tolerance } else { tolerance };
                 assert!((pixel[1] - expected).abs() < tolerance, "{integrator}: {pixel:?}");
+            }
+        }
+    }
+
+    /// A grey sphere before a grey map: aberration changes edges, and red where green is not.
+    #[test]
+    fn zero_aberration_weights_change_no_bit_and_others_part_the_colors() {
+        let map = test_maps::constant(8, 4, [0.2; 3]);
+        let with = |lens: &str| {
+            let text = STILL
+                .replace("origin: [0, 1, 5]", &format!("origin: [0, 1, 5], lens: {{ {lens} }}"))
+                .replace("SAMPLER", "{ sobol: { samples_per_pixel: 8 } }");
+            whole(&description(&text), Some(&map))
+        };
+        let plain = with("");
+        assert_eq!(with("aberration: { r: 0, g: 0, b: 0 }, distortion: { k1: 0 }"), plain);
+        let parted = with("aberration: { r: 0.1, b: -0.1 }");
+        let channel = |film: &Film, k: usize| film.sums.iter().map(|sums| sums.0[channel::COLOR + k]).collect::<Vec<f32>>();
+        assert_eq!(channel(&parted, 1), channel(&plain, 1));
+        assert_ne!(channel(&parted, 0), channel(&plain, 0));
+        assert_ne!(channel(&parted, 2), channel(&plain, 2));
+        // Red alone, moved: the whole picture enlarged by the same factor has that red.
+        let moved = with("aberration: { r: 0.1, g: 0.1, b: 0.1 }");
+        assert_eq!(channel(&parted, 0), channel(&moved, 0));
+    }
+
+    /// Means of the channels of a picture.
+    fn means(image: &Image) -> Vec3 {
+        let pixels = image.color.pixels();
+        pixels.iter().map(|pixel| Vec3::from_array(*pixel)).sum::<Vec3>() / pixels.len() as f32
+    }
+
+    /// Red is u and green is v of the light: so both ways to find it see the same picture on it.
+    #[test]
+    fn a_light_with_a_picture_is_drawn_and_hit_with_the_same_coordinates() {
+        let text = "
+camera: { orthographic: { origin: [0, 0, 5], width: 2 } }
+film: { resolution: [4, 4] }
+sampler: { sobol: { samples_per_pixel: 2048 } }
+integrator: { direct: { strategy: STRATEGY } }
+shapes:
+  - { rectangle: {}, bsdf: { diffuse: { reflectance: 1 } } }
+  - { SHAPE, transform: [{ scale: 0.8 }, { rotate: { axis: [0, 1, 0], degrees: 200 } }, { translate: [1.6, 0.4, 1.5] }], emitter: { area: { radiance: { uv: {} } } } }
+";
+        for shape in ["rectangle: {}", "disk: {}", "sphere: {}", "box: {}", "icosphere: { subdivisions: 2 }", "torus: {}"] {
+            let by = |strategy: &str| means(&image(&text.replace("STRATEGY", strategy).replace("SHAPE", shape), None));
+            let [emitter, bsdf, mis] = ["emitter", "bsdf", "mis"].map(by);
+            assert!((emitter - bsdf).abs().max_element() < 0.03 * bsdf.max_element(), "{shape}: {emitter} and {bsdf}");
+            assert!((mis - bsdf).abs().max_element() < 0.03 * bsdf.max_element(), "{shape}: {mis} and {bsdf}");
+            assert!(bsdf.x > 1e-3 && bsdf.y > 1e-3 && bsdf.z == 0.0, "{shape}: {bsdf}");
+        }
+    }
+
+    /// Flux of a textured light is pi A mean(L): inside a black box all of it falls on the walls, whatever its pattern.
+    #[test]
+    fn a_light_with_a_pattern_sends_the_flux_of_its_mean() {
+        let text = "
+camera: { orthographic: { origin: [0, 0, 0.5], target: [0, 0, 1], width: 40 } }
+film: { resolution: [64, 64] }
+sampler: { sobol: { samples_per_pixel: 16 } }
+integrator: { direct: { strategy: emitter } }
+shapes:
+  - { rectangle: {}, transform: [{ scale: 20 }, { rotate: { axis: [0, 1, 0], degrees: 180 } }, { translate: [0, 0, 1] }], bsdf: { diffuse: { reflectance: 1 } } }
+  - { rectangle: {}, transform: [{ scale: 0.5 }], bsdf: { diffuse: { reflectance: 0 } }, emitter: { area: { radiance: { stripes: { a: 0, b: 4, delta: 0.25 } } } } }
+";
+        // The wall shows E / pi, and its area is 1600: nearly all of the flux reaches it, 3 pi A with A = 1.
+        let flux = means(&image(text, None)).x * 1600.0;
+        assert!((flux / 3.0 - 1.0).abs() < 0.02, "{flux}");
+    }
+
+    /// E = I f(angle) cos / r² on a floor 2 below a spotlight, with the beam of 10 and the edge at 30 degrees.
+    #[test]
+    fn a_spotlight_lights_a_floor_by_its_falloff() {
+        let text = "
+camera: { orthographic: { origin: [0, 0, 5], width: 4 } }
+film: { resolution: [101, 1] }
+sampler: { sobol: { samples_per_pixel: 16 } }
+integrator: { direct: {} }
+shapes: [{ rectangle: {}, transform: [{ scale: 5 }], bsdf: { diffuse: { reflectance: 1 } } }]
+emitters: [{ spot: { position: [0, 0, 2], intensity: 8, cutoff_degrees: 30, beam_degrees: 10, falloff: FALLOFF } }]
+";
+        let cos = |degrees: f64| crate::math::elementary::cos(degrees.to_radians());
+        for falloff in ["mitsuba", "pbrt3", "pbrt4"] {
+            let image = image(&text.replace("FALLOFF", falloff), None);
+            for x in 0..101 {
+                let place = (f64::from(x) - 50.0) * 4.0 / 101.0;
+                let angle = crate::math::elementary::atan(place.abs() / 2.0).to_degrees();
+                let t = ((cos(angle) - cos(30.0)) / (cos(10.0) - cos(30.0))).clamp(0.0, 1.0);
+                let share = match falloff {
+                    "mitsuba" => ((30.0 - angle) / 20.0).clamp(0.0, 1.0),
+                    "pbrt3" => t * t * t * t,
+                    _ => t * t * (3.0 - 2.0 * t),
+                };
+                let squared = place * place + 4.0;
+                let expected = 8.0 * share * (2.0 / squared.sqrt()) / squared / std::f64::consts::PI;
+                let found = f64::from(image.color.pixel(x as usize, 0)[0]);
+                // A pixel is 0.04 wide: its mean is not the value in its middle where the light bends.
+                assert!((found - expected).abs() < 6e-3, "{falloff} at {angle}: {found} instead of {expected}");
             }
         }
     }

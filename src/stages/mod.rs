@@ -16,6 +16,7 @@ pub mod fresnel;
 pub mod grid;
 pub mod layouts;
 pub mod load;
+pub mod lobe;
 pub mod mark;
 pub mod median_cut;
 pub mod names;
@@ -28,6 +29,7 @@ pub mod relight;
 pub mod render;
 pub mod rotate;
 pub mod sample;
+pub mod scene_xml;
 pub mod synthesize;
 pub mod table;
 pub mod tone_map;
@@ -67,6 +69,7 @@ pub fn registry() -> Registry {
         .with::<render::Render>()
         .with::<denoise::Denoise>()
         .with::<fresnel::Fresnel>()
+        .with::<lobe::Lobe>()
         .with::<tone_map::ToneMap>()
         .with::<compare::Compare>()
         .with::<average::Average>()
@@ -75,6 +78,7 @@ pub fn registry() -> Registry {
         .with::<reach::ReachStage>()
         .with::<plot::Plot>()
         .with::<grid::Grid>()
+        .with_dialect("xml", scene_xml::read)
         .with_artifact::<EnvMap>()
         .with_artifact::<Image>()
         .with_artifact::<Picture>()

@@ -2,27 +2,33 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value as Json;
 
+use super::grid::Shown;
 use crate::catalogue::nearest;
 use crate::engine::job::Job;
 use crate::engine::parameter::{InputFile, Port, Section, Seed};
 use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
+use crate::formats::{self, Content, Limits};
 use crate::image::raster::Image;
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
 use crate::render::film::sums::{Block, Film, Window};
+use crate::render::medium::grid::Voxels;
 use crate::render::mesh::{Mesh, read};
 use crate::render::picture::{self, Request};
-use crate::render::scene::compiled::{Scene, SceneError, Surroundings};
+use crate::render::scene::compiled::{Library, Scene, SceneError, Surroundings};
 use crate::render::scene::{SceneDescription, SceneMistake};
 use crate::render::scene_file::SceneFile;
 use crate::render::shape::Shape;
 use crate::render::shape::mesh::MeshShape;
+use crate::render::texture::bitmap::Pixels;
+use crate::render::texture::parameter::Origin;
 
 /// Renders a scene by path tracing.
 ///
@@ -54,7 +60,10 @@ pub struct Render {
     /// Meshes that shapes name by `mesh: { of: NAME }`, so that they can come from other stages.
     #[serde(default)]
     pub meshes: BTreeMap<String, Port<Mesh>>,
-    /// The scene: its parameters, or the path of a YAML file that holds them.
+    /// Pictures that textures name by `bitmap: { of: NAME }`, so that they can come from other stages.
+    #[serde(default)]
+    pub textures: BTreeMap<String, Port<Shown>>,
+    /// The scene: its parameters, or the path of a file that holds them: YAML, or a scene of Mitsuba 3 or Nori (`.xml`).
     pub scene: Section<SceneDescription>,
     /// Another seed gives another, equally good picture; by default the pipeline's.
     #[serde(default)]
@@ -63,7 +72,7 @@ pub struct Render {
 
 impl Stage for Render {
     const KIND: &'static str = "render";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const RESULTS: &'static [ResultDeclaration] =
         &[ResultDeclaration { name: "", types: &["image"] }, ResultDeclaration { name: "film", types: &["film"] }];
     type Output = (Image, Film);
@@ -77,6 +86,7 @@ impl Stage for Render {
         let mut mistakes: Vec<Mistake> = self.scene.0.mistakes().into_iter().map(of_scene).collect();
         mistakes.extend(self.missing_ports());
         mistakes.extend(self.mesh_mistakes());
+        mistakes.extend(self.texture_mistakes());
         mistakes
     }
 
@@ -122,8 +132,7 @@ impl Render {
     fn compiled(&self, job: &Job<'_>) -> Result<Scene, StageError> {
         let (env, lights) = (job.optional_input(&self.env)?, job.optional_input(&self.lights)?);
         let surroundings = Surroundings { env: env.as_deref(), lights: lights.as_deref(), seed: job.seed(self.seed) };
-        let load = |mesh: &MeshShape| self.mesh(mesh, job);
-        Scene::new(&self.scene.0, &surroundings, load, || job.check()).map_err(|error| match error {
+        Scene::new(&self.scene.0, &surroundings, &mut Files { render: self, job }, || job.check()).map_err(|error| match error {
             SceneError::Outside(error) => error,
             other => StageError::content(other),
         })
@@ -179,6 +188,32 @@ impl Render {
         }
     }
 
+    /// Pictures that are named in two ways, in none, or by a name that means nothing.
+    fn texture_mistakes(&self) -> Vec<Mistake> {
+        let Ok(scene) = serde_json::to_value(&self.scene.0) else { return Vec::new() };
+        let mut bitmaps = Vec::new();
+        blocks(&scene, "bitmap", "scene", &mut bitmaps);
+        bitmaps.into_iter().filter_map(|(field, bitmap)| self.texture_mistake(field, bitmap)).collect()
+    }
+
+    fn texture_mistake(&self, field: String, bitmap: &Json) -> Option<Mistake> {
+        let [path, of] = ["path", "of"].map(|key| bitmap.get(key).and_then(Json::as_str));
+        let (message, hint) = match (path, of) {
+            (Some(_), Some(_)) => ("`path` and `of` both name the picture".into(), "remove one of them".into()),
+            (None, None) => {
+                let message = "the bitmap needs a `path`, or `of` with a name of the stage's `textures`".into();
+                (message, "add `path: FILE`".into())
+            }
+            (None, Some(name)) if !self.textures.contains_key(name) => {
+                let near = nearest(name, self.textures.keys().map(String::as_str)).map(|near| format!("did you mean `{near}`?"));
+                let hint = near.unwrap_or_else(|| format!("set `textures: {{ {name}: STAGE }}`"));
+                (format!("there is no texture `{name}` among the stage's `textures`"), hint)
+            }
+            _ => return None,
+        };
+        Some(Mistake { field, message, hint: Some(hint) })
+    }
+
     /// Entries of emitters that stand for what the stage was not given.
     fn missing_ports(&self) -> Vec<Mistake> {
         let scene = &self.scene.0;
@@ -192,6 +227,64 @@ impl Render {
             hint: Some(format!("set `{port}` to a stage that gives {gives}")),
         };
         missing.into_iter().filter(|(_, is_missing, _)| *is_missing).map(mistake).collect()
+    }
+}
+
+/// What the scene of a job names.
+struct Files<'a, 'j> {
+    render: &'a Render,
+    job: &'a Job<'j>,
+}
+
+impl Library for Files<'_, '_> {
+    type Error = StageError;
+
+    fn mesh(&mut self, shape: &MeshShape) -> Result<Arc<Mesh>, StageError> {
+        self.render.mesh(shape, self.job)
+    }
+
+    fn pixels(&mut self, origin: &Origin) -> Result<Pixels, StageError> {
+        match origin {
+            Origin::File(SceneFile(path)) => picture_file(path, self.job),
+            Origin::Stage(name) => {
+                let port = self.render.textures.get(name).ok_or_else(|| StageError::content(format!("there is no texture `{name}`")))?;
+                Ok(match self.job.input(port)? {
+                    Shown::Picture(picture) => Pixels::Display((*picture).clone()),
+                    Shown::Image(image) => Pixels::Linear(image.color.clone()),
+                    Shown::Map(map) => Pixels::Linear(map.raster.clone()),
+                })
+            }
+        }
+    }
+
+    fn voxels(&mut self, SceneFile(path): &SceneFile) -> Result<Voxels, StageError> {
+        let bytes = self.job.read(&InputFile(path.clone()))?;
+        Voxels::read(&bytes).map_err(|error| StageError::content(format!("`{}`: {error}", path.display())))
+    }
+}
+
+/// The pixels of a picture's file, without its alpha.
+fn picture_file(path: &Path, job: &Job<'_>) -> Result<Pixels, StageError> {
+    let bytes = job.read(&InputFile(path.to_owned()))?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let in_file = |error| StageError::content(format!("`{}`: {error}", path.display()));
+    let decoded = formats::read(&bytes, &name, &Limits::default()).map_err(in_file)?;
+    decoded.warnings.into_iter().for_each(|warning| job.warn(format!("`{name}`: {warning}")));
+    Ok(match decoded.content {
+        Content::Linear(image) => Pixels::Linear(image.color),
+        Content::Display(picture) => Pixels::Display(picture),
+    })
+}
+
+/// The blocks of that name anywhere in a scene, with their paths, so that every texture is found wherever one may stand.
+fn blocks<'j>(json: &'j Json, name: &str, path: &str, found: &mut Vec<(String, &'j Json)>) {
+    let fields = json.as_object().into_iter().flatten().map(|(key, value)| (format!("{path}.{key}"), key == name, value));
+    let items = json.as_array().into_iter().flatten().enumerate().map(|(index, value)| (format!("{path}[{index}]"), false, value));
+    for (path, is_found, value) in fields.chain(items) {
+        if is_found {
+            found.push((path.clone(), value));
+        }
+        blocks(value, name, &path, found);
     }
 }
 

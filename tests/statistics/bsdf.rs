@@ -3,7 +3,7 @@
 //! Expected counts come from a quadrature over slopes of facets in double precision that shares nothing with the
 //! drawing but the density; draws that fail, and delta lobes, are one cell more.
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use pipeline::math::statistics::{chi_square_test, normal_cdf};
 use pipeline::math::stream::{Purpose, Stream};
 use pipeline::render::bsdf::material::Material;
@@ -20,23 +20,23 @@ const RESOLUTION: u32 = 1000;
 /// Tests of this module that can fail by chance, at most; together they do so once in a thousand seeds.
 const TESTS: Family = Family(400);
 
-fn bsdf(text: &str, directions: DirectionSampling) -> Bsdf {
+fn bsdf(text: &str, directions: DirectionSampling) -> Bsdf<'static> {
     let json: serde_json::Value = serde_yaml::from_str(text).unwrap();
     let description: BsdfDescription = serde_json::from_value(json).unwrap();
-    let anywhere = TexturePoint { uv: Vec2::ZERO, position: Vec3::ZERO };
-    Material::new(&description, directions).unwrap().at(&anywhere)
+    let material = Material::new(&description, directions).unwrap();
+    Box::leak(Box::new(material)).at(&TexturePoint::ANYWHERE)
 }
 
-fn view(text: &str, degrees: f64) -> View {
+fn view(text: &str, degrees: f64) -> View<'static> {
     View::at_degrees(bsdf(text, DirectionSampling::Bsdf), degrees)
 }
 
 /// From the front, and from behind where light passes.
-fn angles(bsdf: &Bsdf) -> &'static [f64] {
+fn angles(bsdf: &Bsdf<'_>) -> &'static [f64] {
     if bsdf.is_transmissive() { &[0.0, 45.0, 80.0, 88.0, 100.0, 135.0, 180.0] } else { &[0.0, 45.0, 80.0, 88.0] }
 }
 
-fn views(directions: DirectionSampling) -> impl Iterator<Item = (String, View)> {
+fn views(directions: DirectionSampling) -> impl Iterator<Item = (String, View<'static>)> {
     EXAMPLES.iter().map(move |text| (text, bsdf(text, directions))).filter(|(_, bsdf)| !bsdf.is_delta()).flat_map(|(text, bsdf)| {
         angles(&bsdf).iter().map(move |&degrees| (format!("{text} at {degrees}"), View::at_degrees(bsdf, degrees)))
     })
@@ -77,7 +77,9 @@ fn albedo_p_value(drawn: &View, exact: &View, seed: u64) -> f64 {
 /// Less than ninety tests. Plastic has a delta lobe beside what the quadrature sees, and a closed form in `laws`.
 #[test]
 fn mean_weights_are_the_integrals_of_values() {
-    for (seed, (name, view)) in (2000..).zip(views(DirectionSampling::Bsdf)).filter(|(_, (name, _))| !name.starts_with("plastic")) {
+    for (seed, (name, view)) in
+        (2000..).zip(views(DirectionSampling::Bsdf)).filter(|(_, (name, _))| !name.contains("plastic") && !name.contains("mirror"))
+    {
         let (mean, error) = view.mean_weight(1000, seed, Transport::Energy);
         if error > 1e-6 * mean {
             TESTS.assert_plausible(&name, albedo_p_value(&view, &view, seed));
@@ -94,8 +96,8 @@ fn wrong_densities_are_noticed() {
         ("the other distribution", "rough-conductor: { metal: gold, alpha: 0.25, distribution: beckmann }", gold, 45.0),
         ("all normals for visible ones", "rough-conductor: { metal: gold, alpha: 0.25, sampling: all-normals }", gold, 45.0),
         (
-            "half as rough again as alpha = 0.005",
-            "rough-conductor: { alpha: 0.0075, metal: gold }",
+            "two percent of a small roughness",
+            "rough-conductor: { alpha: 0.0051, metal: gold }",
             "rough-conductor: { alpha: 0.005, metal: gold }",
             45.0,
         ),
@@ -105,11 +107,10 @@ fn wrong_densities_are_noticed() {
         ("a coat", "plastic: { eta: 1.52 }", "plastic: { eta: 1.5 }", 60.0),
     ];
     for (what, drawn, told, degrees) in controls {
-        let counts = view(drawn, degrees).counts(4 * COUNT, 5);
-        let right = view(drawn, degrees).expectations(4 * COUNT, RESOLUTION);
-        let wrong = view(told, degrees).expectations(4 * COUNT, RESOLUTION);
-        TESTS.assert_plausible(what, chi_square_test(&counts, &right).p_value);
-        TESTS.assert_refused(what, chi_square_test(&counts, &wrong).p_value);
+        let (drawn, told) = (view(drawn, degrees), view(told, degrees));
+        TESTS.assert_plausible(what, drawn.chi_square(4 * COUNT, 5, RESOLUTION).p_value);
+        let wrong = chi_square_test(&told.counts_of(&drawn, 4 * COUNT, 5), &told.expectations(4 * COUNT, RESOLUTION));
+        TESTS.assert_refused(what, wrong.p_value);
     }
 }
 
@@ -119,7 +120,7 @@ fn a_mirrored_lobe_a_scaled_density_and_forgotten_failures_are_noticed() {
     let counts = right.counts(4 * COUNT, 6);
     let expected = right.expectations(4 * COUNT, RESOLUTION);
     let behind = View { outgoing: right.outgoing * Vec3::new(-1.0, 1.0, 1.0), ..right };
-    TESTS.assert_refused("mirrored", chi_square_test(&behind.counts(COUNT, 6), &right.expectations(COUNT, RESOLUTION)).p_value);
+    TESTS.assert_refused("mirrored", chi_square_test(&right.counts_of(&behind, COUNT, 6), &right.expectations(COUNT, RESOLUTION)).p_value);
     let larger: Vec<f64> = expected.iter().map(|expected| 1.01 * expected).collect();
     TESTS.assert_refused("1 % larger", chi_square_test(&counts, &larger).p_value);
     // A sampler that draws again until it succeeds, with the density of one that does not.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::render::bsdf::metal::{ComplexIndex, ConductorFresnel, Metal, Spectrum, index_of};
 use crate::render::bsdf::mirror::{all, mirrored};
 use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
-use crate::render::texture::parameter::Reflectance;
+use crate::render::texture::parameter::{Pictures, Reflectance};
 use crate::render::texture::value::{Color, Index};
 use crate::render::texture::{Texture, TexturePoint};
 
@@ -47,10 +47,10 @@ pub struct ConductorMaterial {
 }
 
 impl ConductorMaterial {
-    /// With these parameters.
-    pub fn new(parameters: &ConductorParameters) -> Result<Self, BsdfError> {
+    /// With these parameters, and those pictures for its textures.
+    pub fn new(parameters: &ConductorParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
         let &ConductorParameters { metal, spectrum, eta, k, fresnel, .. } = parameters;
-        Ok(Self { index: index_of(metal, spectrum, eta, k)?, fresnel, reflectance: parameters.reflectance.texture() })
+        Ok(Self { index: index_of(metal, spectrum, eta, k)?, fresnel, reflectance: parameters.reflectance.texture(pictures)? })
     }
 
     /// What it is at that point.

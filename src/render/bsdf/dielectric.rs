@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::light::fresnel::Boundary;
 use crate::render::bsdf::mirror::{all, mirrored};
-use crate::render::bsdf::{BsdfSample, Transport};
-use crate::render::texture::parameter::Reflectance;
+use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
+use crate::render::texture::parameter::{Pictures, Reflectance};
 use crate::render::texture::{Texture, TexturePoint};
 
 /// Smooth glass or water: reflects the Fresnel share and refracts the rest by Snell's law.
@@ -58,10 +58,15 @@ pub struct DielectricMaterial {
 }
 
 impl DielectricMaterial {
-    /// With these parameters.
-    pub fn new(parameters: &DielectricParameters) -> Self {
+    /// With these parameters, and those pictures for its textures.
+    pub fn new(parameters: &DielectricParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
         let DielectricParameters { eta, reflectance, transmittance, fresnel } = parameters;
-        Self { eta: *eta, fresnel: *fresnel, reflectance: reflectance.texture(), transmittance: transmittance.texture() }
+        Ok(Self {
+            eta: *eta,
+            fresnel: *fresnel,
+            reflectance: reflectance.texture(pictures)?,
+            transmittance: transmittance.texture(pictures)?,
+        })
     }
 
     /// What it is at that point.

@@ -7,8 +7,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::math::single;
-use crate::render::bsdf::{BsdfSample, Transport};
-use crate::render::texture::parameter::Reflectance;
+use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
+use crate::render::texture::parameter::{Pictures, Reflectance};
 use crate::render::texture::value::Color;
 use crate::render::texture::{Texture, TexturePoint};
 
@@ -36,9 +36,9 @@ pub struct DiffuseMaterial {
 }
 
 impl DiffuseMaterial {
-    /// With these parameters.
-    pub fn new(parameters: &DiffuseParameters) -> Self {
-        Self { reflectance: parameters.reflectance.texture() }
+    /// With these parameters, and those pictures for its textures.
+    pub fn new(parameters: &DiffuseParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
+        Ok(Self { reflectance: parameters.reflectance.texture(pictures)? })
     }
 
     /// What it is at that point.

@@ -13,7 +13,7 @@ use crate::math::stream::{Purpose, Stream};
 use crate::render::bsdf::{Bsdf, BsdfSample, Lobe, Transport};
 
 /// At least one of each kind, over their choices, as a person writes them: what tests and benchmarks walk.
-pub const EXAMPLES: [&str; 22] = [
+pub const EXAMPLES: [&str; 32] = [
     "diffuse: { reflectance: [0.2, 0.5, 0.8] }",
     "mirror: { reflectance: 0.9 }",
     "dielectric: {}",
@@ -36,13 +36,23 @@ pub const EXAMPLES: [&str; 22] = [
     "plastic: { diffuse: [0.2, 0.5, 0.8] }",
     "plastic: { diffuse: 0.9, nonlinear: true, eta: 1.9 }",
     "plastic: { diffuse: 0.5, specular: 0, one_sided: true }",
+    "disney: { base_color: [0.2, 0.5, 0.8] }",
+    "disney: { base_color: [0.9, 0.6, 0.2], metallic: 1, roughness: 0.3, specular_g: burley-2014 }",
+    "disney: { base_color: 1, roughness: 1, specular_tint: 0.5, sampling: all-normals }",
+    "disney: { base_color: [0.7, 0.1, 0.1], roughness: 0.6, metallic: 0.3, clearcoat: 1, clearcoat_gloss: 0.2, one_sided: true }",
+    "normal-map: { map: [0.6, 0.45, 0.95], bsdf: { diffuse: { reflectance: [0.2, 0.5, 0.8] } } }",
+    "normal-map: { map: [0.7, 0.5, 0.9], shadowing: microfacet, bsdf: { rough-conductor: { metal: gold, alpha: 0.5 } } }",
+    "bump-map: { map: { uv: {} }, scale: 0.3, bsdf: { plastic: {} } }",
+    "blend: { weight: 0.3, first: { diffuse: { reflectance: 0.8 } }, second: { rough-conductor: { metal: gold, alpha: 0.25 } } }",
+    "blend: { first: { rough-dielectric: { alpha: 0.4 } }, second: { diffuse: { one_sided: true } } }",
+    "blend: { first: { mirror: {} }, second: { blend: { first: { diffuse: {} }, second: { disney: {} } } } }",
 ];
 
 /// A BSDF seen from one direction.
 #[derive(Debug, Clone, Copy)]
-pub struct View {
+pub struct View<'m> {
     /// The BSDF.
-    pub bsdf: Bsdf,
+    pub bsdf: Bsdf<'m>,
     /// Unit vector away from the surface.
     pub outgoing: Vec3,
 }
@@ -58,22 +68,40 @@ struct Shape {
     is_facets: bool,
 }
 
-impl View {
+impl Shape {
+    /// Without a peak.
+    const BROAD: Self = Self { alpha: 1.0, eta: None, is_facets: false };
+
+    fn of(bsdf: &Bsdf<'_>, outgoing: Vec3) -> Self {
+        // A bent lobe does not peak about the mirrored direction.
+        if bsdf.shading_normal() != Vec3::Z {
+            return Self::BROAD;
+        }
+        let facets = |alpha: f32| Self { alpha: f64::from(alpha), eta: None, is_facets: true };
+        match bsdf.lobe() {
+            Lobe::RoughConductor(lobe) => facets(lobe.facets.alpha),
+            Lobe::RoughDielectric(lobe) => Self { eta: Some(f64::from(lobe.relative_index(outgoing))), ..facets(lobe.facets.alpha) },
+            Lobe::Disney(lobe) => facets(lobe.least_alpha()),
+            // That of the narrower part, and of a part that lets light through.
+            Lobe::Blend(blend) => {
+                let [a, b] = blend.parts().map(|part| Self::of(&part, outgoing));
+                let narrower = if b.is_facets && (!a.is_facets || b.alpha < a.alpha) { b } else { a };
+                Self { eta: a.eta.or(b.eta), ..narrower }
+            }
+            _ => Self::BROAD,
+        }
+    }
+}
+
+impl<'m> View<'m> {
     /// From that angle to the normal in degrees, in the plane of x and z; beyond 90 degrees from behind.
-    pub fn at_degrees(bsdf: Bsdf, degrees: f64) -> Self {
+    pub fn at_degrees(bsdf: Bsdf<'m>, degrees: f64) -> Self {
         let (sine, cosine) = elementary::sin_cos(degrees * PI / 180.0);
         Self { bsdf, outgoing: DVec3::new(sine, 0.0, cosine).as_vec3() }
     }
 
     fn shape(&self) -> Shape {
-        match self.bsdf.lobe() {
-            Lobe::RoughConductor(lobe) => Shape { alpha: f64::from(lobe.facets.alpha), eta: None, is_facets: true },
-            Lobe::RoughDielectric(lobe) => {
-                let eta = f64::from(lobe.relative_index(self.outgoing));
-                Shape { alpha: f64::from(lobe.facets.alpha), eta: Some(eta), is_facets: true }
-            }
-            _ => Shape { alpha: 1.0, eta: None, is_facets: false },
-        }
+        Shape::of(&self.bsdf, self.outgoing)
     }
 
     /// Visits the nodes of a quadrature over incoming directions: direction and solid angle.
@@ -152,10 +180,16 @@ impl View {
 
     /// How many of `count` drawn directions fall into each cell.
     pub fn counts(&self, count: u32, seed: u64) -> Vec<u64> {
+        self.counts_of(self, count, seed)
+    }
+
+    /// How many of `count` directions that another view draws fall into each of this one's cells, whose size goes with
+    /// its roughness: what a control needs, since in cells of its own a lobe that is too wide looks right.
+    pub fn counts_of(&self, drawn: &Self, count: u32, seed: u64) -> Vec<u64> {
         let stream = Stream::new(seed, Purpose::Test);
         let mut counts = vec![0; CELL_COUNT + 1];
         for index in 0..u64::from(count) {
-            let smooth = self.draw(&stream, index, Transport::Energy).filter(|sample| !sample.is_delta);
+            let smooth = drawn.draw(&stream, index, Transport::Energy).filter(|sample| !sample.is_delta);
             let cell = smooth.map_or(CELL_COUNT, |sample| self.cell(sample.direction.as_dvec3()));
             counts[cell] += 1;
         }

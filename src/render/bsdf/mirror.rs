@@ -4,8 +4,8 @@ use glam::Vec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::render::bsdf::{BsdfSample, Transport};
-use crate::render::texture::parameter::Reflectance;
+use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
+use crate::render::texture::parameter::{Pictures, Reflectance};
 use crate::render::texture::value::Color;
 use crate::render::texture::{Texture, TexturePoint};
 
@@ -33,9 +33,9 @@ pub struct MirrorMaterial {
 }
 
 impl MirrorMaterial {
-    /// With these parameters.
-    pub fn new(parameters: &MirrorParameters) -> Self {
-        Self { reflectance: parameters.reflectance.texture() }
+    /// With these parameters, and those pictures for its textures.
+    pub fn new(parameters: &MirrorParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
+        Ok(Self { reflectance: parameters.reflectance.texture(pictures)? })
     }
 
     /// What it is at that point.

@@ -6,12 +6,14 @@
 //! Values include the cosine of the incoming direction; densities are per steradian.
 //!
 //! Reading order: this file, `diffuse`, `mirror`, `dielectric`, `metal`, `conductor`, `microfacet`,
-//! `rough_conductor`, `rough_dielectric`, `plastic`, `material`, `shading`, `measure`. A new kind is a file and its rows in
-//! the enums below and in `material`.
+//! `rough_conductor`, `rough_dielectric`, `plastic`, `disney`, then `perturbed` and `blend`, which hold others, `material`,
+//! `shading`, `measure`. A new kind is a file and its rows in the enums below and in `material`.
 
+pub mod blend;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
+pub mod disney;
 #[cfg(test)]
 mod laws;
 pub mod material;
@@ -19,6 +21,7 @@ pub mod measure;
 pub mod metal;
 pub mod microfacet;
 pub mod mirror;
+pub mod perturbed;
 pub mod plastic;
 pub mod rough_conductor;
 pub mod rough_dielectric;
@@ -30,13 +33,18 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::math::single;
+use crate::render::bsdf::blend::{Blend, BlendParameters};
 use crate::render::bsdf::conductor::{Conductor, ConductorParameters};
 use crate::render::bsdf::dielectric::{Dielectric, DielectricParameters};
 use crate::render::bsdf::diffuse::{Diffuse, DiffuseParameters};
+use crate::render::bsdf::disney::{Disney, DisneyParameters};
 use crate::render::bsdf::mirror::{Mirror, MirrorParameters};
+use crate::render::bsdf::perturbed::{Bend, BumpMapParameters, NormalMapParameters, Shadowing};
 use crate::render::bsdf::plastic::{Plastic, PlasticParameters};
 use crate::render::bsdf::rough_conductor::{RoughConductor, RoughConductorParameters};
 use crate::render::bsdf::rough_dielectric::{RoughDielectric, RoughDielectricParameters};
+use crate::render::frame::Frame;
+use crate::render::texture::bitmap::TexelError;
 
 /// How a surface scatters light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -56,6 +64,14 @@ pub enum BsdfDescription {
     RoughDielectric(RoughDielectricParameters),
     /// A diffuse body under a smooth clear coat.
     Plastic(PlasticParameters),
+    /// Disney's model of 2012, from cloth to car paint.
+    Disney(DisneyParameters),
+    /// A BSDF whose normals a picture holds.
+    NormalMap(NormalMapParameters),
+    /// A BSDF whose normals are those of a relief of small heights.
+    BumpMap(BumpMapParameters),
+    /// Two BSDFs, mixed.
+    Blend(BlendParameters),
 }
 
 /// What is wrong with the parameters of a BSDF beyond what their schema says.
@@ -70,6 +86,9 @@ pub enum BsdfError {
     /// A boundary between equal media, of which microfacets bend no light.
     #[error("a rough boundary with `eta: {0}` bends no light: take an `eta` below 0.999 or above 1.001, or `dielectric`")]
     IndexMatched(f64),
+    /// A picture with values that the parameter may not have.
+    #[error(transparent)]
+    Texel(#[from] TexelError),
 }
 
 impl BsdfError {
@@ -78,6 +97,7 @@ impl BsdfError {
         match self {
             Self::MetalTwice(name) | Self::MetalMissing(name) => name,
             Self::IndexMatched(_) => "eta",
+            Self::Texel(_) => "path",
         }
     }
 }
@@ -117,12 +137,14 @@ pub struct BsdfSample {
     pub eta: f32,
 }
 
-/// How a surface scatters light at one point.
+/// How a surface scatters light at one point; borrows from the material what is made of others.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bsdf {
-    lobe: Lobe,
+pub struct Bsdf<'m> {
+    lobe: Lobe<'m>,
     sides: Sides,
     directions: DirectionSampling,
+    /// The normal about which the lobe lies, if it is not z.
+    bend: Option<Bend>,
 }
 
 /// What the back of a surface does.
@@ -132,7 +154,7 @@ pub enum Sides {
     Alike,
     /// Nothing: it is black.
     FrontOnly,
-    /// What its lobe says: it lets light through.
+    /// What its lobe says: it lets light through, or is made of others.
     Own,
 }
 
@@ -145,7 +167,7 @@ impl Sides {
 
 /// One kind of scattering with its numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Lobe {
+pub enum Lobe<'m> {
     /// See [`BsdfDescription::Diffuse`].
     Diffuse(Diffuse),
     /// See [`BsdfDescription::Mirror`].
@@ -160,6 +182,10 @@ pub enum Lobe {
     RoughDielectric(RoughDielectric),
     /// See [`BsdfDescription::Plastic`].
     Plastic(Plastic),
+    /// See [`BsdfDescription::Disney`].
+    Disney(Disney),
+    /// See [`BsdfDescription::Blend`].
+    Blend(Blend<'m>),
 }
 
 /// Does the same with the lobe of any kind.
@@ -173,19 +199,40 @@ macro_rules! for_each_lobe {
             Lobe::RoughConductor($kind) => $action,
             Lobe::RoughDielectric($kind) => $action,
             Lobe::Plastic($kind) => $action,
+            Lobe::Disney($kind) => $action,
+            Lobe::Blend($kind) => $action,
         }
     };
 }
 
-impl Bsdf {
+impl<'m> Bsdf<'m> {
     /// A lobe on those sides of a surface, whose directions are drawn in that way.
-    pub fn new(lobe: Lobe, sides: Sides, directions: DirectionSampling) -> Self {
-        Self { lobe, sides, directions }
+    pub fn new(lobe: Lobe<'m>, sides: Sides, directions: DirectionSampling) -> Self {
+        Self { lobe, sides, directions, bend: None }
+    }
+
+    /// The same with its own frame laid along the axes of another.
+    #[must_use]
+    pub fn bent(self, frame: &Frame, shadowing: Shadowing) -> Self {
+        let normal = frame.to_world(self.shading_normal());
+        // Bent twice it may have turned away from the surface, where no map may bring it.
+        let bend = (normal.z > 0.0).then_some(Bend { normal, shadowing });
+        Self { bend, ..self }
     }
 
     /// What it is made of.
-    pub fn lobe(&self) -> &Lobe {
+    pub fn lobe(&self) -> &Lobe<'m> {
         &self.lobe
+    }
+
+    /// The normal about which it scatters, in the local frame: z unless a map bends it.
+    pub fn shading_normal(&self) -> Vec3 {
+        self.bend.map_or(Vec3::Z, |bend| bend.normal)
+    }
+
+    /// The same in the world, for a surface of that frame.
+    pub fn normal_in(&self, frame: &Frame) -> Vec3 {
+        self.bend.map_or(frame.normal, |bend| frame.to_world(bend.normal))
     }
 
     /// Draws a direction; `choice` picks among lobes, `point` a direction within one, all uniform on [0, 1).
@@ -194,6 +241,41 @@ impl Bsdf {
     /// the densities of the drawn directions then integrate to less than one.
     #[inline]
     pub fn sample(&self, outgoing: Vec3, choice: f32, point: [f32; 2], transport: Transport) -> Option<BsdfSample> {
+        match &self.bend {
+            None => self.sample_upright(outgoing, choice, point, transport),
+            Some(bend) => self.sample_bent(bend, outgoing, choice, point, transport),
+        }
+    }
+
+    /// Value times |cosine of the incoming direction|, and the density of [`Self::sample`]; zero for delta lobes.
+    #[inline]
+    pub fn evaluate_with_pdf(&self, outgoing: Vec3, incoming: Vec3, transport: Transport) -> (Vec3, f32) {
+        match &self.bend {
+            None => self.evaluate_upright(outgoing, incoming, transport),
+            Some(bend) => self.evaluate_bent(bend, outgoing, incoming, transport),
+        }
+    }
+
+    fn sample_bent(&self, bend: &Bend, outgoing: Vec3, choice: f32, point: [f32; 2], transport: Transport) -> Option<BsdfSample> {
+        let frame = bend.frame(outgoing)?;
+        let sample = self.sample_upright(frame.to_local(outgoing), choice, point, transport)?;
+        let direction = frame.to_world(sample.direction).normalize();
+        let agrees = direction.z * sample.direction.z > 0.0;
+        agrees.then(|| BsdfSample { direction, weight: sample.weight * bend.shadow(direction), ..sample })
+    }
+
+    fn evaluate_bent(&self, bend: &Bend, outgoing: Vec3, incoming: Vec3, transport: Transport) -> (Vec3, f32) {
+        let Some(frame) = bend.frame(outgoing) else { return (Vec3::ZERO, 0.0) };
+        let local = frame.to_local(incoming);
+        if local.z * incoming.z <= 0.0 {
+            return (Vec3::ZERO, 0.0);
+        }
+        let (value, pdf) = self.evaluate_upright(frame.to_local(outgoing), local, transport);
+        (value * bend.shadow(incoming), pdf)
+    }
+
+    #[inline]
+    fn sample_upright(&self, outgoing: Vec3, choice: f32, point: [f32; 2], transport: Transport) -> Option<BsdfSample> {
         let flip = self.flip(outgoing)?;
         let sample = if self.draws_by_cosine() {
             self.sample_by_cosine(outgoing * flip, choice, point, transport)?
@@ -203,9 +285,8 @@ impl Bsdf {
         Some(BsdfSample { direction: sample.direction * flip, ..sample })
     }
 
-    /// Value times |cosine of the incoming direction|, and the density of [`Self::sample`]; zero for delta lobes.
     #[inline]
-    pub fn evaluate_with_pdf(&self, outgoing: Vec3, incoming: Vec3, transport: Transport) -> (Vec3, f32) {
+    fn evaluate_upright(&self, outgoing: Vec3, incoming: Vec3, transport: Transport) -> (Vec3, f32) {
         let Some(flip) = self.flip(outgoing) else { return (Vec3::ZERO, 0.0) };
         let (outgoing, incoming) = (outgoing * flip, incoming * flip);
         let (value, pdf) = for_each_lobe!(&self.lobe, lobe => lobe.evaluate_with_pdf(outgoing, incoming, transport));
@@ -224,12 +305,18 @@ impl Bsdf {
 
     /// Whether there are delta lobes alone, which no light can be connected to.
     pub fn is_delta(&self) -> bool {
-        matches!(self.lobe, Lobe::Mirror(_) | Lobe::Dielectric(_) | Lobe::Conductor(_))
+        match &self.lobe {
+            Lobe::Blend(blend) => blend.parts().iter().all(Bsdf::is_delta),
+            lobe => matches!(lobe, Lobe::Mirror(_) | Lobe::Dielectric(_) | Lobe::Conductor(_)),
+        }
     }
 
     /// Whether light passes through.
     pub fn is_transmissive(&self) -> bool {
-        self.sides == Sides::Own
+        match &self.lobe {
+            Lobe::Blend(blend) => blend.parts().iter().any(Bsdf::is_transmissive),
+            _ => self.sides == Sides::Own,
+        }
     }
 
     /// The share of light along the normal that comes back or passes, for the layer of a picture.

@@ -15,8 +15,8 @@ use crate::math::single;
 use crate::render::bsdf::dielectric::{DielectricFresnel, Interface, glass};
 use crate::render::bsdf::diffuse::default_reflectance;
 use crate::render::bsdf::mirror::{all, mirrored};
-use crate::render::bsdf::{BsdfSample, Transport};
-use crate::render::texture::parameter::Reflectance;
+use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
+use crate::render::texture::parameter::{Pictures, Reflectance};
 use crate::render::texture::{Texture, TexturePoint};
 
 /// A diffuse body under a smooth clear coat, as Mitsuba's `plastic`.
@@ -53,16 +53,16 @@ pub struct PlasticMaterial {
 }
 
 impl PlasticMaterial {
-    /// With these parameters.
-    pub fn new(parameters: &PlasticParameters) -> Self {
-        Self {
+    /// With these parameters, and those pictures for its textures.
+    pub fn new(parameters: &PlasticParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
+        Ok(Self {
             interface: Interface::new(parameters.eta, DielectricFresnel::Exact),
             eta: parameters.eta as f32,
             inner_mean: hemispherical_mean(Boundary::leaving(parameters.eta)) as f32,
             nonlinear: parameters.nonlinear,
-            diffuse: parameters.diffuse.texture(),
-            specular: parameters.specular.texture(),
-        }
+            diffuse: parameters.diffuse.texture(pictures)?,
+            specular: parameters.specular.texture(pictures)?,
+        })
     }
 
     /// What it is at that point.

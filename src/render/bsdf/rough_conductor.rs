@@ -10,7 +10,7 @@ use crate::render::bsdf::metal::{ComplexIndex, ConductorFresnel, Metal, Spectrum
 use crate::render::bsdf::microfacet::{FacetDistribution, Facets, Masking, NormalSampling, SMOOTHEST};
 use crate::render::bsdf::mirror::all;
 use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
-use crate::render::texture::parameter::{Reflectance, Roughness};
+use crate::render::texture::parameter::{Pictures, Reflectance, Roughness};
 use crate::render::texture::value::{Color, Index, Number};
 use crate::render::texture::{Texture, TexturePoint};
 
@@ -69,13 +69,13 @@ pub struct RoughConductorMaterial {
 }
 
 impl RoughConductorMaterial {
-    /// With these parameters.
-    pub fn new(parameters: &RoughConductorParameters) -> Result<Self, BsdfError> {
+    /// With these parameters, and those pictures for its textures.
+    pub fn new(parameters: &RoughConductorParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
         let &RoughConductorParameters { metal, spectrum, eta, k, distribution, masking, sampling, fresnel, .. } = parameters;
         let index = index_of(metal, spectrum, eta, k)?;
         let facets = Facets { distribution, masking, sampling, alpha: SMOOTHEST };
         let smooth = RoughConductor { index, fresnel, facets, reflectance: Vec3::ONE };
-        Ok(Self { smooth, alpha: parameters.alpha.texture(), reflectance: parameters.reflectance.texture() })
+        Ok(Self { smooth, alpha: parameters.alpha.texture(pictures)?, reflectance: parameters.reflectance.texture(pictures)? })
     }
 
     /// What it is at that point.

@@ -13,7 +13,7 @@ use crate::render::bsdf::microfacet::{FacetDistribution, Facets, Masking, Normal
 use crate::render::bsdf::mirror::all;
 use crate::render::bsdf::rough_conductor::default_alpha;
 use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
-use crate::render::texture::parameter::{Reflectance, Roughness};
+use crate::render::texture::parameter::{Pictures, Reflectance, Roughness};
 use crate::render::texture::{Texture, TexturePoint};
 
 /// Frosted glass: facets whose normals vary about the surface's reflect and refract once.
@@ -57,8 +57,8 @@ pub struct RoughDielectricMaterial {
 }
 
 impl RoughDielectricMaterial {
-    /// With these parameters.
-    pub fn new(parameters: &RoughDielectricParameters) -> Result<Self, BsdfError> {
+    /// With these parameters, and those pictures for its textures.
+    pub fn new(parameters: &RoughDielectricParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
         let &RoughDielectricParameters { eta, distribution, masking, sampling, fresnel, .. } = parameters;
         if (eta - 1.0).abs() < 0.001 {
             return Err(BsdfError::IndexMatched(eta));
@@ -66,8 +66,8 @@ impl RoughDielectricMaterial {
         let facets = Facets { distribution, masking, sampling, alpha: SMOOTHEST };
         let interface = Interface::new(eta, fresnel);
         let smooth = RoughDielectric { interface, facets, reflectance: Vec3::ONE, transmittance: Vec3::ONE };
-        let (reflectance, transmittance) = (parameters.reflectance.texture(), parameters.transmittance.texture());
-        Ok(Self { smooth, alpha: parameters.alpha.texture(), reflectance, transmittance })
+        let (reflectance, transmittance) = (parameters.reflectance.texture(pictures)?, parameters.transmittance.texture(pictures)?);
+        Ok(Self { smooth, alpha: parameters.alpha.texture(pictures)?, reflectance, transmittance })
     }
 
     /// What it is at that point.

@@ -10,8 +10,8 @@ use crate::render::frame::Frame;
 
 /// A BSDF in its place, seen from one direction.
 #[derive(Debug, Clone, Copy)]
-pub struct Shading {
-    bsdf: Bsdf,
+pub struct Shading<'m> {
+    bsdf: Bsdf<'m>,
     frame: Frame,
     /// In the frame, on the side of its z.
     geometric: Vec3,
@@ -19,13 +19,13 @@ pub struct Shading {
     outgoing: Vec3,
 }
 
-impl Shading {
+impl<'m> Shading<'m> {
     /// A surface of that frame and geometric normal, seen from the direction `outgoing`; all in the world.
     ///
     /// Where the shading normal shows `outgoing` the wrong side, as interpolated normals do at silhouettes, the
     /// geometric one takes its place: black or leaking pixels would be the alternatives.
     #[inline]
-    pub fn new(bsdf: Bsdf, frame: &Frame, geometric_normal: Vec3, outgoing: Vec3) -> Self {
+    pub fn new(bsdf: Bsdf<'m>, frame: &Frame, geometric_normal: Vec3, outgoing: Vec3) -> Self {
         let normal = if geometric_normal.dot(frame.normal) < 0.0 { -geometric_normal } else { geometric_normal };
         let local = frame.to_local(outgoing);
         let agrees = local.z * normal.dot(outgoing) > 0.0;
@@ -55,7 +55,7 @@ impl Shading {
     }
 
     /// The BSDF.
-    pub fn bsdf(&self) -> &Bsdf {
+    pub fn bsdf(&self) -> &Bsdf<'m> {
         &self.bsdf
     }
 
@@ -73,16 +73,17 @@ mod tests {
     use crate::render::bsdf::material::Material;
     use crate::render::bsdf::{BsdfDescription, DirectionSampling};
     use crate::render::texture::TexturePoint;
-    use glam::Vec2;
 
-    fn bsdf(json: &str) -> Bsdf {
+    fn bsdf(json: &str) -> Bsdf<'static> {
         let description: BsdfDescription = serde_json::from_str(json).unwrap();
-        let point = TexturePoint { uv: Vec2::ZERO, position: Vec3::ZERO };
-        Material::new(&description, DirectionSampling::Bsdf).unwrap().at(&point)
+        let material = Material::new(&description, DirectionSampling::Bsdf).unwrap();
+        Box::leak(Box::new(material)).at(&TexturePoint::ANYWHERE)
     }
 
-    fn bsdfs() -> [Bsdf; 3] {
-        [r#"{"diffuse":{}}"#, r#"{"rough-conductor":{"metal":"gold","alpha":0.3}}"#, r#"{"rough-dielectric":{"alpha":0.3}}"#].map(bsdf)
+    fn bsdfs() -> [Bsdf<'static>; 4] {
+        let bent = r#"{"normal-map":{"map":[0.7,0.4,0.9],"bsdf":{"diffuse":{}}}}"#;
+        [r#"{"diffuse":{}}"#, r#"{"rough-conductor":{"metal":"gold","alpha":0.3}}"#, r#"{"rough-dielectric":{"alpha":0.3}}"#, bent]
+            .map(bsdf)
     }
 
     /// Random directions: geometric normal, shading normal within 40 degrees or so, outgoing, incoming.

@@ -3,6 +3,7 @@
 //! Row 0 is the top; a position on the film is in pixels from the upper left corner, x to the right, y down.
 //! `+x` of the picture is to the right of someone who looks from `origin` at `target` with `up` upwards.
 
+pub mod lens;
 pub mod orthographic;
 pub mod perspective;
 pub mod thin_lens;
@@ -12,6 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::math::single;
+use crate::render::camera::lens::{Aberration, Distortion};
 use crate::render::camera::orthographic::Orthographic;
 use crate::render::camera::perspective::Perspective;
 use crate::render::camera::thin_lens::ThinLens;
@@ -45,6 +47,9 @@ pub enum CameraError {
     /// There is no upright.
     #[error("`up` of the camera lies along its view, or is zero")]
     NoUp,
+    /// A lens that would show some directions twice and others never.
+    #[error("the distortion turns round within the picture: lower `k1` and `k2`, or the field of view")]
+    Folds,
 }
 
 impl CameraError {
@@ -53,6 +58,7 @@ impl CameraError {
         match self {
             Self::NoDirection => "target",
             Self::NoUp => "up",
+            Self::Folds => "lens.distortion",
         }
     }
 }
@@ -69,13 +75,26 @@ impl CameraDescription {
 
     /// Ready to cast rays through a picture of that many pixels.
     pub fn compiled(&self, resolution: [u32; 2]) -> Result<Camera, CameraError> {
-        let (view, lens) = match self {
-            Self::Perspective(kind) => (View::of(kind.origin, kind.target, kind.up)?, Lens::Pinhole { half_width: kind.half_width() }),
-            Self::ThinLens(kind) => (View::of(kind.origin, kind.target, kind.up)?, kind.lens()),
-            Self::Orthographic(kind) => (View::of(kind.origin, kind.target, kind.up)?, Lens::Parallel { half_width: 0.5 * kind.width }),
+        let (view, projection, faults) = match self {
+            Self::Perspective(kind) => {
+                (View::of(kind.origin, kind.target, kind.up)?, Projection::Pinhole { half_width: kind.half_width() }, kind.lens)
+            }
+            Self::ThinLens(kind) => (View::of(kind.origin, kind.target, kind.up)?, kind.projection(), kind.lens),
+            Self::Orthographic(kind) => {
+                (View::of(kind.origin, kind.target, kind.up)?, Projection::Parallel { half_width: 0.5 * kind.width }, kind.lens)
+            }
         };
         let [width, height] = resolution.map(|count| count as f32);
-        Ok(Camera { view, lens, center: [0.5 * width, 0.5 * height], per_pixel: 2.0 / width })
+        let distortion = faults.distortion.filter(|distortion| (distortion.k1, distortion.k2) != (0.0, 0.0));
+        let weights = faults.aberration.map(Aberration::weights).filter(|weights| weights.iter().any(|weight| *weight != 0.0));
+        let camera =
+            Camera { view, projection, center: [0.5 * width, 0.5 * height], per_pixel: 2.0 / width, distortion, aberration: weights };
+        let reach = weights.map_or(1.0, |weights| 1.0 + f64::from(weights.into_iter().fold(0.0, f32::max)));
+        let corner = camera.plane_radius([0.0, 0.0]) * reach;
+        match distortion {
+            Some(distortion) if !distortion.is_one_to_one(corner) => Err(CameraError::Folds),
+            _ => Ok(camera),
+        }
     }
 }
 
@@ -83,11 +102,15 @@ impl CameraDescription {
 #[derive(Debug, Clone, Copy)]
 pub struct Camera {
     view: View,
-    lens: Lens,
+    projection: Projection,
     /// Middle of the film, in pixels.
     center: [f32; 2],
     /// Half widths of the film in one pixel.
     per_pixel: f32,
+    /// How straight lines bend.
+    distortion: Option<Distortion>,
+    /// How far red, green and blue are moved away from the middle.
+    aberration: Option<[f32; 3]>,
 }
 
 /// Axes of a picture in the world.
@@ -101,7 +124,7 @@ struct View {
 
 /// What happens between film and world; sizes on a plane at distance 1, or of the film itself.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Lens {
+pub(crate) enum Projection {
     /// All rays go through one point.
     Pinhole {
         /// Tangent of half the field of view.
@@ -141,23 +164,60 @@ impl Camera {
     #[inline]
     pub fn ray(&self, position: [f32; 2], lens: [f32; 2]) -> Ray {
         let View { origin, right, up, forward } = self.view;
-        let x = (position[0] - self.center[0]) * self.per_pixel;
-        let y = (self.center[1] - position[1]) * self.per_pixel;
-        match self.lens {
-            Lens::Pinhole { half_width } => Ray::new(origin, (forward + right * (x * half_width) + up * (y * half_width)).normalize()),
-            Lens::Thin { half_width, radius, focus } => {
+        let [x, y] = self.seen(self.on_film(position));
+        match self.projection {
+            Projection::Pinhole { half_width } => {
+                Ray::new(origin, (forward + right * (x * half_width) + up * (y * half_width)).normalize())
+            }
+            Projection::Thin { half_width, radius, focus } => {
                 let [lens_x, lens_y, _] = single::concentric_disk(lens);
                 let offset = (right * lens_x + up * lens_y) * radius;
                 let focused = (forward + right * (x * half_width) + up * (y * half_width)) * focus;
                 Ray::new(origin + offset, (focused - offset).normalize())
             }
-            Lens::Parallel { half_width } => Ray::new(origin + right * (x * half_width) + up * (y * half_width), forward),
+            Projection::Parallel { half_width } => Ray::new(origin + right * (x * half_width) + up * (y * half_width), forward),
         }
+    }
+
+    /// Where red, green and blue of a position on the film come from; `None` where they are one.
+    #[inline]
+    pub fn parted(&self, position: [f32; 2]) -> Option<[[f32; 2]; 3]> {
+        let moved = |weight: f32| [0, 1].map(|k| position[k] + (position[k] - self.center[k]) * weight);
+        self.aberration.map(|weights| weights.map(moved))
+    }
+
+    /// Right and up in half widths of the film.
+    #[inline]
+    fn on_film(&self, position: [f32; 2]) -> [f32; 2] {
+        [(position[0] - self.center[0]) * self.per_pixel, (self.center[1] - position[1]) * self.per_pixel]
+    }
+
+    /// Where a place of the film is seen, both in half widths.
+    #[inline]
+    fn seen(&self, place: [f32; 2]) -> [f32; 2] {
+        let Some(distortion) = &self.distortion else { return place };
+        let scale = distortion.scale(self.plane_distance(place)) as f32;
+        place.map(|coordinate| coordinate * scale)
+    }
+
+    /// Distance of a position on the film from the middle, in the unit of distortions.
+    fn plane_radius(&self, position: [f32; 2]) -> f64 {
+        self.plane_distance(self.on_film(position))
+    }
+
+    /// See [`lens`]: the tangent of the angle, or half widths.
+    fn plane_distance(&self, place: [f32; 2]) -> f64 {
+        let unit = match self.projection {
+            Projection::Pinhole { half_width } | Projection::Thin { half_width, .. } => f64::from(half_width),
+            Projection::Parallel { .. } => 1.0,
+        };
+        let [x, y] = place.map(f64::from);
+        unit * (x * x + y * y).sqrt()
     }
 
     /// Whether rays depend on the point of the lens.
     pub fn has_lens(&self) -> bool {
-        matches!(self.lens, Lens::Thin { .. })
+        matches!(self.projection, Projection::Thin { .. })
     }
 
     /// Where it stands.
@@ -211,6 +271,49 @@ mod tests {
             assert!((met - target).length() < 1e-5, "{lens:?}: {met} {target}");
             assert!((ray.origin - sharp.origin).length() <= 0.5);
         }
+    }
+
+    fn faulty(distortion: &str) -> CameraDescription {
+        let text = format!("{{ perspective: {{ fov_degrees: 60, lens: {{ {distortion} }} }} }}");
+        serde_yaml::with::singleton_map::deserialize(serde_yaml::Deserializer::from_str(&text)).unwrap()
+    }
+
+    /// Half way to the edge the tangent is t = tan 30 / 2 = 0.288675; of r (1 - 0.2 r²) = t the root is by Newton's method, by hand.
+    #[test]
+    fn radial_distortion_moves_tangents_by_its_polynomial() {
+        for (mapping, k1, expected) in [("sensor-to-ray", 0.2, 0.293486), ("ray-to-sensor", -0.2, 0.293744)] {
+            let camera = faulty(&format!("distortion: {{ k1: {k1}, mapping: {mapping} }}")).compiled([64, 64]).unwrap();
+            for position in [[48.0, 32.0], [32.0, 16.0]] {
+                let direction = camera.ray(position, [0.5; 2]).direction;
+                let tangent = direction.truncate().length() / -direction.z;
+                assert!((tangent - expected).abs() < 2e-6, "{mapping}: {tangent}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_distortion_and_no_aberration_are_none_to_the_last_bit() {
+        let plain = faulty("").compiled([64, 48]).unwrap();
+        let zero = faulty("distortion: { k1: 0, k2: 0 }, aberration: { r: 0, g: 0, b: 0 }").compiled([64, 48]).unwrap();
+        for position in [[0.0, 0.0], [13.7, 40.1], [64.0, 48.0]] {
+            assert_eq!(plain.ray(position, [0.2; 2]), zero.ray(position, [0.2; 2]));
+            assert_eq!(zero.parted(position), None);
+        }
+    }
+
+    #[test]
+    fn colors_part_away_from_the_middle() {
+        let camera = faulty("aberration: { r: 0.1, b: -0.1 }").compiled([64, 48]).unwrap();
+        let [red, green, blue] = camera.parted([42.0, 34.0]).unwrap();
+        assert_eq!(green, [42.0, 34.0]);
+        let near = |found: [f32; 2], expected: [f32; 2]| (0..2).all(|k| (found[k] - expected[k]).abs() < 1e-5);
+        assert!(near(red, [43.0, 35.0]) && near(blue, [41.0, 33.0]), "{red:?} {blue:?}");
+    }
+
+    #[test]
+    fn a_distortion_that_folds_the_picture_is_refused() {
+        let error = faulty("distortion: { k1: -0.6, mapping: sensor-to-ray }").compiled([64, 64]).unwrap_err();
+        assert_eq!((error, error.field()), (CameraError::Folds, "lens.distortion"));
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::render::camera::lens::Faults;
 use crate::render::camera::perspective;
 use crate::render::scene::vector::Vector;
 
@@ -23,6 +24,9 @@ pub struct Orthographic {
     #[serde(default = "width")]
     #[schemars(range(max = 1e9), extend("exclusiveMinimum" = 0))]
     pub width: f32,
+    /// Faults of the lens: `distortion` and `aberration`. Default none.
+    #[serde(default)]
+    pub lens: Faults,
 }
 
 fn width() -> f32 {
@@ -31,6 +35,6 @@ fn width() -> f32 {
 
 impl Default for Orthographic {
     fn default() -> Self {
-        Self { origin: perspective::origin(), target: Vector::zero(), up: Vector::y(), width: width() }
+        Self { origin: perspective::origin(), target: Vector::zero(), up: Vector::y(), width: width(), lens: Faults::default() }
     }
 }

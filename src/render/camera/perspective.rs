@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::math::elementary;
+use crate::render::camera::lens::Faults;
 use crate::render::scene::vector::Vector;
 
 /// A pinhole camera.
@@ -23,6 +24,9 @@ pub struct Perspective {
     #[serde(default = "fov_degrees")]
     #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180, "x-unit" = "degrees"))]
     pub fov_degrees: f64,
+    /// Faults of the lens: `distortion` and `aberration`. Default none.
+    #[serde(default)]
+    pub lens: Faults,
 }
 
 /// The usual place: in front of the origin.
@@ -37,7 +41,7 @@ pub(crate) fn fov_degrees() -> f64 {
 
 impl Default for Perspective {
     fn default() -> Self {
-        Self { origin: origin(), target: Vector::zero(), up: Vector::y(), fov_degrees: fov_degrees() }
+        Self { origin: origin(), target: Vector::zero(), up: Vector::y(), fov_degrees: fov_degrees(), lens: Faults::default() }
     }
 }
 

@@ -5,7 +5,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::render::camera::Lens;
+use crate::render::camera::Projection;
+use crate::render::camera::lens::Faults;
 use crate::render::camera::perspective::{self, Perspective};
 use crate::render::scene::vector::Vector;
 
@@ -32,21 +33,24 @@ pub struct ThinLens {
     /// Distance of the plane that is sharp, measured along the view.
     #[schemars(range(max = 1e9), extend("exclusiveMinimum" = 0))]
     pub focus_distance: f32,
+    /// Faults of the lens: `distortion` and `aberration`. Default none.
+    #[serde(default)]
+    pub lens: Faults,
 }
 
 impl ThinLens {
     /// A pinhole camera's view through a lens.
     pub fn focused(view: Perspective, aperture_radius: f32, focus_distance: f32) -> Self {
-        let Perspective { origin, target, up, fov_degrees } = view;
-        Self { origin, target, up, fov_degrees, aperture_radius, focus_distance }
+        let Perspective { origin, target, up, fov_degrees, lens } = view;
+        Self { origin, target, up, fov_degrees, aperture_radius, focus_distance, lens }
     }
 
     /// What it does to rays: exactly a pinhole's where it has no opening.
-    pub(crate) fn lens(&self) -> Lens {
+    pub(crate) fn projection(&self) -> Projection {
         let half_width = perspective::half_width(self.fov_degrees);
         match self.aperture_radius {
-            0.0 => Lens::Pinhole { half_width },
-            radius => Lens::Thin { half_width, radius, focus: self.focus_distance },
+            0.0 => Projection::Pinhole { half_width },
+            radius => Projection::Thin { half_width, radius, focus: self.focus_distance },
         }
     }
 }

@@ -7,6 +7,7 @@
 use glam::Vec3;
 
 use crate::render::emitter::environment::Environment;
+use crate::render::emitter::spot::Spot;
 use crate::render::ray::{Ray, Surface};
 use crate::render::sampler::unit;
 use crate::render::shape::geometry::Geometry;
@@ -31,6 +32,8 @@ pub enum Source {
         /// Power per solid angle.
         intensity: Vec3,
     },
+    /// A point that shines within a cone.
+    Spot(Spot),
     /// Parallel light.
     Directional {
         /// Unit vector from the scene towards the light.
@@ -71,12 +74,31 @@ pub struct LightSample {
 }
 
 impl LightSample {
+    /// From a point whose intensity depends on the direction away from it.
+    #[inline]
+    fn of_point(position: Vec3, reference: Vec3, pdf: f32, intensity: impl Fn(Vec3) -> Vec3) -> Option<Self> {
+        let way = position - reference;
+        let direction = way.normalize();
+        let radiance = intensity(-direction) / way.length_squared();
+        let is_there = radiance.is_finite() && direction.is_finite();
+        is_there.then_some(Self { direction, radiance, pdf, is_delta: true, target: Some(position) })
+    }
+
     /// The ray along which it may be hidden.
     #[inline]
     pub fn shadow_ray(&self, surface: &Surface) -> Option<Ray> {
         match self.target {
             Some(target) => surface.spawn_to(target),
             None => Some(surface.spawn(self.direction)),
+        }
+    }
+
+    /// The same from a point that is on no surface.
+    #[inline]
+    pub fn shadow_ray_from(&self, position: Vec3) -> Option<Ray> {
+        match self.target {
+            Some(target) => Ray::to(position, target),
+            None => Some(Ray::new(position, self.direction)),
         }
     }
 }
@@ -133,17 +155,12 @@ impl Lights {
                 if direction.dot(sample.normal) >= 0.0 {
                     return None;
                 }
-                let radiance = radiance.at(&TexturePoint { uv: sample.uv.into(), position: sample.position });
+                let radiance = radiance.at(&TexturePoint::at(sample.uv, sample.position));
                 let pdf = sample.pdf * probability;
                 Some(LightSample { direction, radiance, pdf, is_delta: false, target: Some(sample.position) })
             }
-            Source::Point { position, intensity } => {
-                let way = *position - reference;
-                let radiance = *intensity / way.length_squared();
-                let direction = way.normalize();
-                let is_there = radiance.is_finite() && direction.is_finite();
-                is_there.then_some(LightSample { direction, radiance, pdf: probability, is_delta: true, target: Some(*position) })
-            }
+            Source::Point { position, intensity } => LightSample::of_point(*position, reference, probability, |_| *intensity),
+            Source::Spot(spot) => LightSample::of_point(spot.position, reference, probability, |direction| spot.towards(direction)),
             Source::Directional { towards, irradiance } => {
                 Some(LightSample { direction: *towards, radiance: *irradiance, pdf: probability, is_delta: true, target: None })
             }
@@ -166,7 +183,7 @@ impl Lights {
             return None;
         }
         match &self.sources[light as usize] {
-            Source::Area { radiance, .. } => Some(radiance.at(&TexturePoint { uv: surface.uv.into(), position: surface.position })),
+            Source::Area { radiance, .. } => Some(radiance.at(&TexturePoint::at(surface.uv, surface.position))),
             _ => None,
         }
     }
@@ -230,21 +247,12 @@ impl Source {
         let radius = if radius.is_finite() { radius } else { 1.0 };
         match self {
             Self::Environment(environment) => 4.0 * PI * PI * radius * radius * environment.mean_luminance(),
-            Self::Area { shape, radiance } => PI * geometry.area(*shape) * luminance(mean(radiance)),
+            Self::Area { shape, radiance } => PI * geometry.area(*shape) * luminance(radiance.mean()),
             Self::Point { intensity, .. } => 4.0 * PI * luminance(*intensity),
+            Self::Spot(spot) => spot.solid_angle() * luminance(spot.intensity),
             Self::Directional { irradiance, .. } => PI * radius * radius * luminance(*irradiance),
         }
     }
-}
-
-/// Mean of a texture over the unit square, by points on a grid.
-fn mean(texture: &Texture<Vec3>) -> Vec3 {
-    const SIDE: u32 = 16;
-    let at = |k: u32| {
-        let [x, y] = [k % SIDE, k / SIDE].map(|step| (step as f32 + 0.5) / SIDE as f32);
-        texture.at(&TexturePoint { uv: [x, y].into(), position: Vec3::ZERO })
-    };
-    texture.constant().unwrap_or_else(|| (0..SIDE * SIDE).map(at).sum::<Vec3>() / (SIDE * SIDE) as f32)
 }
 
 #[cfg(test)]

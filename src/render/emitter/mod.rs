@@ -6,10 +6,12 @@
 
 pub mod environment;
 pub mod lights;
+pub mod spot;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::render::emitter::spot::SpotParameters;
 use crate::render::scene::vector::Vector;
 use crate::render::texture::parameter::Radiance;
 use crate::render::texture::value::{Color, Light};
@@ -24,6 +26,8 @@ pub enum EmitterDescription {
     Lights(LightsParameters),
     /// Light from a point alike to all sides.
     Point(PointParameters),
+    /// Light from a point within a cone, fading towards its edge.
+    Spot(SpotParameters),
     /// Parallel light from one direction.
     Directional(DirectionalParameters),
 }
@@ -79,7 +83,7 @@ pub struct DirectionalParameters {
 }
 
 /// Light of a shape.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ShapeEmitter {
     /// The surface shines on the side of its normal.
@@ -87,7 +91,7 @@ pub enum ShapeEmitter {
 }
 
 /// The surface shines on the side of its normal.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AreaParameters {
     /// Radiance, alike in all directions: a number, `[r, g, b]` or a texture.

@@ -8,6 +8,9 @@ use glam::Vec3;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
+use crate::render::texture::Texel;
+use crate::render::texture::bitmap::Decoding;
+
 /// The numbers that a parameter may take.
 pub trait Limits: Copy + fmt::Debug + PartialEq + 'static {
     /// Name of such a value, for messages and schemas.
@@ -16,6 +19,8 @@ pub trait Limits: Copy + fmt::Debug + PartialEq + 'static {
     const MINIMUM: f64;
     /// The greatest.
     const MAXIMUM: f64;
+    /// What colors of a display's picture mean. Default light.
+    const USUAL_DECODING: Decoding = Decoding::Srgb;
 }
 
 /// A share of the light: from 0 to 1.
@@ -58,13 +63,51 @@ impl Limits for Index {
     const MAXIMUM: f64 = 100.0;
 }
 
+/// A part of a whole: from 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fraction;
+
+impl Limits for Fraction {
+    const NAME: &'static str = "Fraction";
+    const MINIMUM: f64 = 0.0;
+    const MAXIMUM: f64 = 1.0;
+}
+
+/// A component of a unit vector, (c + 1) / 2: from 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Component;
+
+impl Limits for Component {
+    const NAME: &'static str = "Component";
+    const MINIMUM: f64 = 0.0;
+    const MAXIMUM: f64 = 1.0;
+    const USUAL_DECODING: Decoding = Decoding::Data;
+}
+
+/// A height over a surface: from -1e6 to 1e6.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Height;
+
+impl Limits for Height {
+    const NAME: &'static str = "Height";
+    const MINIMUM: f64 = -1e6;
+    const MAXIMUM: f64 = 1e6;
+}
+
 /// What a texture may hold: [`Number`] or [`Color`].
 pub trait Value: Copy + PartialEq + fmt::Debug + Serialize + for<'de> Deserialize<'de> + JsonSchema {
     /// The same inside the renderer.
-    type Inner: Copy;
+    type Inner: Texel;
+    /// The least and the greatest number.
+    const LIMITS: [f64; 2];
+    /// What the values of a display's picture mean.
+    const USUAL_DECODING: Decoding;
 
     /// Without its limits.
     fn inner(self) -> Self::Inner;
+
+    /// The least, in every channel.
+    fn least() -> Self::Inner;
 }
 
 /// One number within its limits.
@@ -76,13 +119,24 @@ impl<L: Limits> Number<L> {
     pub fn new(value: f64) -> Option<Self> {
         is_within::<L>(value).then_some(Self(value, PhantomData))
     }
+
+    /// The number.
+    pub fn value(self) -> f64 {
+        self.0
+    }
 }
 
 impl<L: Limits> Value for Number<L> {
     type Inner = f32;
+    const LIMITS: [f64; 2] = [L::MINIMUM, L::MAXIMUM];
+    const USUAL_DECODING: Decoding = Decoding::Data;
 
     fn inner(self) -> f32 {
         self.0 as f32
+    }
+
+    fn least() -> f32 {
+        L::MINIMUM as f32
     }
 }
 
@@ -109,9 +163,15 @@ impl<L: Limits> Color<L> {
 
 impl<L: Limits> Value for Color<L> {
     type Inner = Vec3;
+    const LIMITS: [f64; 2] = [L::MINIMUM, L::MAXIMUM];
+    const USUAL_DECODING: Decoding = L::USUAL_DECODING;
 
     fn inner(self) -> Vec3 {
         Vec3::from_array(self.0.map(|channel| channel as f32))
+    }
+
+    fn least() -> Vec3 {
+        Vec3::splat(L::MINIMUM as f32)
     }
 }
 
