@@ -256,6 +256,11 @@ impl Library for Files<'_, '_> {
             }
         }
     }
+
+    fn voxels(&mut self, SceneFile(path): &SceneFile) -> Result<Voxels, StageError> {
+        let bytes = self.job.read(&InputFile(path.clone()))?;
+        Voxels::read(&bytes).map_err(|error| StageError::content(format!("`{}`: {error}", path.display())))
+    }
 }
 
 /// The pixels of a picture's file, without its alpha.
@@ -280,11 +285,6 @@ fn blocks<'j>(json: &'j Json, name: &str, path: &str, found: &mut Vec<(String, &
             found.push((path.clone(), value));
         }
         blocks(value, name, &path, found);
-    }
-
-    fn voxels(&mut self, SceneFile(path): &SceneFile) -> Result<Voxels, StageError> {
-        let bytes = self.job.read(&InputFile(path.clone()))?;
-        Voxels::read(&bytes).map_err(|error| StageError::content(format!("`{}`: {error}", path.display())))
     }
 }
 

@@ -78,7 +78,8 @@ fn a_scene_of_mitsuba_is_ours() {
 <shape type="cube"><emitter type="area"><rgb name="radiance" value="1 2 3"/></emitter></shape>
 <shape type="ply"><string name="filename" value="a$$grey.ply"/><boolean name="face_normals" value="true"/>
   <bsdf type="dielectric"><float name="int_ior" value="1.5"/><string name="ext_ior" value="vacuum"/></bsdf></shape>
-<emitter type="point"><point name="position" value="1, 2, 3"/><rgb name="intensity" value="2"/></emitter>"#,
+<emitter type="point"><point name="position" value="1, 2, 3"/><rgb name="intensity" value="2"/></emitter>
+<emitter type="spot"><transform name="to_world"><lookat origin="0,1,0" target="0,-1,0" up="1,0,0"/></transform><rgb name="intensity" value="4"/></emitter>"#,
         )
         .replace("a$$grey", "a"),
         &format!(
@@ -91,6 +92,7 @@ shapes:
   - {{ mesh: {{ path: a.ply, normals: flat }}, bsdf: {{ dielectric: {{ eta: 1.5 }} }} }}
 emitters:
   - {{ point: {{ position: [1, 2, 3], intensity: 2 }} }}
+  - {{ spot: {{ position: [0, 1, 0], target: [0, -1, 0], intensity: 4, cutoff_degrees: 20, beam_degrees: 15, falloff: mitsuba }} }}
 "
         ),
     );
