@@ -129,12 +129,7 @@ impl Stage for Lobe {
 
 impl Lobe {
     /// All results, of what is seen from an angle in degrees, up to the last one that means something.
-    fn measured<S: Scatter>(
-        &self,
-        job: &Job<'_>,
-        last: f64,
-        at: impl Fn(f64) -> S + Sync,
-    ) -> Result<Vec<AnyArtifact>, StageError> {
+    fn measured<S: Scatter>(&self, job: &Job<'_>, last: f64, at: impl Fn(f64) -> S + Sync) -> Result<Vec<AnyArtifact>, StageError> {
         let seed = job.seed(self.seed);
         let scatter = at(self.outgoing_degrees);
         let cells = Cells::of(&scatter, self.rows.get() as usize);
@@ -203,8 +198,7 @@ fn test(survey: &Survey, count: &Count) -> Table {
     let result = survey.test(count);
     let draws = count.counts.iter().sum::<u64>() as f64;
     let none = count.counts.last().map_or(0.0, |count| *count as f64);
-    let numbers =
-        [draws, result.statistic, result.degrees_of_freedom as f64, result.p_value, survey.drawn(), 1.0 - none / draws];
+    let numbers = [draws, result.statistic, result.degrees_of_freedom as f64, result.p_value, survey.drawn(), 1.0 - none / draws];
     rows.push(numbers.map(Cell::Number).to_vec());
     rows
 }
@@ -212,13 +206,7 @@ fn test(survey: &Survey, count: &Count) -> Table {
 /// Rows of the grid for albedos: they need no fine cells, since every cell is refined where it has to be.
 const ALBEDO_ROWS: usize = 12;
 
-fn albedos<S: Scatter>(
-    angles: &[f64],
-    draws: u32,
-    seed: u64,
-    job: &Job<'_>,
-    at: impl Fn(f64) -> S + Sync,
-) -> Result<Table, StageError> {
+fn albedos<S: Scatter>(angles: &[f64], draws: u32, seed: u64, job: &Job<'_>, at: impl Fn(f64) -> S + Sync) -> Result<Table, StageError> {
     let row = |degrees: &f64| -> Result<Vec<Cell>, StageError> {
         job.check()?;
         let scatter = at(*degrees);

@@ -77,7 +77,9 @@ fn albedo_p_value(drawn: &View, exact: &View, seed: u64) -> f64 {
 /// Less than ninety tests. Plastic has a delta lobe beside what the quadrature sees, and a closed form in `laws`.
 #[test]
 fn mean_weights_are_the_integrals_of_values() {
-    for (seed, (name, view)) in (2000..).zip(views(DirectionSampling::Bsdf)).filter(|(_, (name, _))| !name.contains("plastic") && !name.contains("mirror")) {
+    for (seed, (name, view)) in
+        (2000..).zip(views(DirectionSampling::Bsdf)).filter(|(_, (name, _))| !name.contains("plastic") && !name.contains("mirror"))
+    {
         let (mean, error) = view.mean_weight(1000, seed, Transport::Energy);
         if error > 1e-6 * mean {
             TESTS.assert_plausible(&name, albedo_p_value(&view, &view, seed));

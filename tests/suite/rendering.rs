@@ -208,7 +208,9 @@ const PICTURE: &str = "P3\n2 2\n255\n255 0 0  128 0 0\n0 0 0  255 255 255\n";
 fn painted(more: &str) -> Space {
     let space = still();
     let bitmap = format!("{{ bitmap: {{ path: picture.ppm {more} }} }}");
-    space.write("scenes/still.yaml", SCENE.replace("reflectance: 0.8", &format!("reflectance: {bitmap}"))).write("scenes/picture.ppm", PICTURE);
+    space
+        .write("scenes/still.yaml", SCENE.replace("reflectance: 0.8", &format!("reflectance: {bitmap}")))
+        .write("scenes/picture.ppm", PICTURE);
     space
 }
 
@@ -246,7 +248,11 @@ fn mistakes_of_pictures_are_shown_at_their_lines() {
     let space = painted("");
     let scene = String::from_utf8(space.read("scenes/still.yaml")).unwrap();
     for (right, wrong, expected) in [
-        ("path: picture.ppm", "path: pictur.ppm", "scenes/still.yaml:6: input file `pictur.ppm`: no such file; did you mean `picture.ppm`?"),
+        (
+            "path: picture.ppm",
+            "path: pictur.ppm",
+            "scenes/still.yaml:6: input file `pictur.ppm`: no such file; did you mean `picture.ppm`?",
+        ),
         ("path: picture.ppm", "of: brick", "scenes/still.yaml:6: there is no texture `brick` among the stage's `textures`"),
         ("path: picture.ppm", "", "scenes/still.yaml:6: the bitmap needs a `path`"),
     ] {

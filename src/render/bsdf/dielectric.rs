@@ -61,7 +61,12 @@ impl DielectricMaterial {
     /// With these parameters, and those pictures for its textures.
     pub fn new(parameters: &DielectricParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
         let DielectricParameters { eta, reflectance, transmittance, fresnel } = parameters;
-        Ok(Self { eta: *eta, fresnel: *fresnel, reflectance: reflectance.texture(pictures)?, transmittance: transmittance.texture(pictures)? })
+        Ok(Self {
+            eta: *eta,
+            fresnel: *fresnel,
+            reflectance: reflectance.texture(pictures)?,
+            transmittance: transmittance.texture(pictures)?,
+        })
     }
 
     /// What it is at that point.

@@ -160,15 +160,8 @@ impl DisneyMaterial {
 
     /// Whether it is the same everywhere.
     pub fn is_constant(&self) -> bool {
-        let numbers = [
-            &self.diffuse,
-            &self.roughness,
-            &self.specular,
-            &self.specular_tint,
-            &self.metallic,
-            &self.clearcoat,
-            &self.clearcoat_gloss,
-        ];
+        let numbers =
+            [&self.diffuse, &self.roughness, &self.specular, &self.specular_tint, &self.metallic, &self.clearcoat, &self.clearcoat_gloss];
         self.base_color.constant().is_some() && numbers.iter().all(|number| number.constant().is_some())
     }
 }

@@ -306,7 +306,8 @@ fn disneys_model_has_the_published_albedos() {
 #[test]
 fn disneys_parameters_do_what_they_are_named_after() {
     let albedo = |parameters: &str| {
-        View::at_degrees(bsdf(&format!("disney: {{ base_color: [0.8, 0.4, 0.2], {parameters} }}")), 30.0).directional_albedo(200, Transport::Energy)
+        View::at_degrees(bsdf(&format!("disney: {{ base_color: [0.8, 0.4, 0.2], {parameters} }}")), 30.0)
+            .directional_albedo(200, Transport::Energy)
     };
     let hue = |color: DVec3| color.x / color.z;
     assert_near("black without its parts", albedo("diffuse: 0, specular: 0").x, 0.0, 2e-3);

@@ -55,11 +55,7 @@ impl Material {
     }
 
     /// Checks a description whose textures have those pictures.
-    pub fn with_pictures(
-        description: &BsdfDescription,
-        directions: DirectionSampling,
-        pictures: &dyn Pictures,
-    ) -> Result<Self, BsdfError> {
+    pub fn with_pictures(description: &BsdfDescription, directions: DirectionSampling, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
         use SingleKind as Kind;
         let opaque = Sides::of_opaque;
         let (kind, sides) = match description {

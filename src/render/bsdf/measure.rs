@@ -80,9 +80,7 @@ impl Shape {
         let facets = |alpha: f32| Self { alpha: f64::from(alpha), eta: None, is_facets: true };
         match bsdf.lobe() {
             Lobe::RoughConductor(lobe) => facets(lobe.facets.alpha),
-            Lobe::RoughDielectric(lobe) => {
-                Self { eta: Some(f64::from(lobe.relative_index(outgoing))), ..facets(lobe.facets.alpha) }
-            }
+            Lobe::RoughDielectric(lobe) => Self { eta: Some(f64::from(lobe.relative_index(outgoing))), ..facets(lobe.facets.alpha) },
             Lobe::Disney(lobe) => facets(lobe.least_alpha()),
             // That of the narrower part, and of a part that lets light through.
             Lobe::Blend(blend) => {

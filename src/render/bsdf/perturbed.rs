@@ -84,11 +84,7 @@ enum Normals {
 
 impl PerturbedMaterial {
     /// Normals from a picture.
-    pub fn normal_map(
-        parameters: &NormalMapParameters,
-        directions: DirectionSampling,
-        pictures: &dyn Pictures,
-    ) -> Result<Self, BsdfError> {
+    pub fn normal_map(parameters: &NormalMapParameters, directions: DirectionSampling, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
         let normals = Normals::Map { map: parameters.map.texture(pictures)?, scale: parameters.scale as f32 };
         let inner = Box::new(Material::with_pictures(&parameters.bsdf, directions, pictures)?);
         Ok(Self { normals, shadowing: parameters.shadowing, inner })
@@ -211,9 +207,8 @@ mod tests {
                         material.at(&TexturePoint::ANYWHERE).evaluate_with_pdf(outgoing, incoming, Transport::Radiance)
                     };
                     assert_eq!(value(&plain), value(&bent), "{flat}");
-                    let drawn = |material: &Material| {
-                        material.at(&TexturePoint::ANYWHERE).sample(outgoing, 0.3, [0.2, 0.7], Transport::Radiance)
-                    };
+                    let drawn =
+                        |material: &Material| material.at(&TexturePoint::ANYWHERE).sample(outgoing, 0.3, [0.2, 0.7], Transport::Radiance);
                     assert_eq!(drawn(&plain), drawn(&bent), "{flat}");
                 }
             }
@@ -257,9 +252,8 @@ mod tests {
         let (hard, soft) = (material(&text("")), material(&text(", shadowing: microfacet")));
         let normal = Vec3::new(0.5, 0.0, 1.0).normalize();
         let incoming = Vec3::new(-0.6, 0.0, 0.8);
-        let value = |material: &Material| {
-            material.at(&TexturePoint::ANYWHERE).evaluate_with_pdf(Vec3::Z, incoming, Transport::Radiance).0.x
-        };
+        let value =
+            |material: &Material| material.at(&TexturePoint::ANYWHERE).evaluate_with_pdf(Vec3::Z, incoming, Transport::Radiance).0.x;
         let expected = normal.dot(incoming) * std::f32::consts::FRAC_1_PI;
         assert!((value(&hard) - expected).abs() < 1e-6);
         // tan² of the normal is 1/4, of the light 9/16: a² = 1/32.

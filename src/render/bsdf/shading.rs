@@ -82,7 +82,8 @@ mod tests {
 
     fn bsdfs() -> [Bsdf<'static>; 4] {
         let bent = r#"{"normal-map":{"map":[0.7,0.4,0.9],"bsdf":{"diffuse":{}}}}"#;
-        [r#"{"diffuse":{}}"#, r#"{"rough-conductor":{"metal":"gold","alpha":0.3}}"#, r#"{"rough-dielectric":{"alpha":0.3}}"#, bent].map(bsdf)
+        [r#"{"diffuse":{}}"#, r#"{"rough-conductor":{"metal":"gold","alpha":0.3}}"#, r#"{"rough-dielectric":{"alpha":0.3}}"#, bent]
+            .map(bsdf)
     }
 
     /// Random directions: geometric normal, shading normal within 40 degrees or so, outgoing, incoming.

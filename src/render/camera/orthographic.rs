@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::render::camera::perspective;
 use crate::render::camera::lens::Faults;
+use crate::render::camera::perspective;
 use crate::render::scene::vector::Vector;
 
 /// A camera of parallel rays; what is behind `origin` is not seen.

@@ -6,8 +6,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::render::camera::Projection;
-use crate::render::camera::perspective::{self, Perspective};
 use crate::render::camera::lens::Faults;
+use crate::render::camera::perspective::{self, Perspective};
 use crate::render::scene::vector::Vector;
 
 /// A lens with an opening; with `aperture_radius: 0` a pinhole.

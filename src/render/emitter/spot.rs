@@ -70,9 +70,8 @@ impl SpotParameters {
     /// What is wrong beyond single fields: the field and the problem.
     pub fn mistake(&self) -> Option<(&'static str, String)> {
         let beam = self.beam_degrees.filter(|beam| *beam > self.cutoff_degrees);
-        let too_wide = beam.map(|beam| {
-            ("beam_degrees", format!("`beam_degrees` is {beam}, beyond `cutoff_degrees`, which is {}", self.cutoff_degrees))
-        });
+        let too_wide = beam
+            .map(|beam| ("beam_degrees", format!("`beam_degrees` is {beam}, beyond `cutoff_degrees`, which is {}", self.cutoff_degrees)));
         let is_undirected = self.target.vec3() == self.position.vec3();
         too_wide.or_else(|| is_undirected.then(|| ("target", "`target` of the spotlight is its `position`".to_owned())))
     }

@@ -13,8 +13,8 @@
 
 use glam::Vec3;
 
-use crate::render::bsdf::{Bsdf, Transport};
 use crate::render::bsdf::shading::Shading;
+use crate::render::bsdf::{Bsdf, Transport};
 use crate::render::emitter::lights::LightSample;
 use crate::render::film::Background;
 use crate::render::integrator::Strategy;
@@ -209,14 +209,7 @@ impl Transporter {
 
     /// One of the candidates of a draw, by what it would bring if nothing hid it; what it brings counts for all.
     #[inline]
-    fn chosen(
-        &self,
-        scene: &Scene,
-        vertex: &impl Vertex,
-        numbers: &Numbers<'_>,
-        sets: u32,
-        part: u32,
-    ) -> Option<Candidate> {
+    fn chosen(&self, scene: &Scene, vertex: &impl Vertex, numbers: &Numbers<'_>, sets: u32, part: u32) -> Option<Candidate> {
         let (count, draws) = (self.emitter_candidates, self.draws());
         if draws == 1 {
             return self.candidate(scene, vertex, numbers.bits(sets));

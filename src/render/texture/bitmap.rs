@@ -96,7 +96,9 @@ pub struct Bitmap<T> {
 
 /// A texel that the parameter may not have.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{origin}: the pixel in column {x} of row {y} gives `{value}`, which is not from {least} to {greatest}: set `clamp: true`, or a `factor`")]
+#[error(
+    "{origin}: the pixel in column {x} of row {y} gives `{value}`, which is not from {least} to {greatest}: set `clamp: true`, or a `factor`"
+)]
 pub struct TexelError {
     origin: Origin,
     x: usize,
@@ -162,7 +164,8 @@ impl<T: Texel> Bitmap<T> {
     pub fn mean(&self) -> T {
         // Row by row, so that few digits are lost in single precision.
         let rows = 0..self.raster.height();
-        let row_mean = |y: usize| self.raster.row(y).iter().map(|pixel| Vec3::from_array(*pixel)).sum::<Vec3>() / self.raster.width() as f32;
+        let row_mean =
+            |y: usize| self.raster.row(y).iter().map(|pixel| Vec3::from_array(*pixel)).sum::<Vec3>() / self.raster.width() as f32;
         let mean = rows.clone().map(row_mean).sum::<Vec3>() / rows.len() as f32;
         T::of_color(mean).scaled(self.factor).clamped(self.least, self.greatest)
     }
@@ -236,7 +239,12 @@ mod tests {
     #[test]
     fn four_texels_at_four_asymmetric_points() {
         let by_hand = |s: f32, t: f32| (1.0 - t) * s + t * (2.0 * (1.0 - s) + 4.0 * s);
-        let points = [([0.4, 0.6], by_hand(0.3, 0.3)), ([0.3, 0.35], by_hand(0.1, 0.8)), ([0.7, 0.7], by_hand(0.9, 0.1)), ([0.55, 0.4], by_hand(0.6, 0.7))];
+        let points = [
+            ([0.4, 0.6], by_hand(0.3, 0.3)),
+            ([0.3, 0.35], by_hand(0.1, 0.8)),
+            ([0.7, 0.7], by_hand(0.9, 0.1)),
+            ([0.55, 0.4], by_hand(0.6, 0.7)),
+        ];
         assert_values(&four(Wrap::Clamp, Interpolation::Bilinear), &points);
         let nearest = [([0.4, 0.6], 0.0), ([0.7, 0.7], 1.0), ([0.3, 0.35], 2.0), ([0.55, 0.4], 4.0)];
         assert_values(&four(Wrap::Clamp, Interpolation::Nearest), &nearest);

@@ -164,7 +164,11 @@ fn what_differs_is_refused_with_its_line() {
         ("<bsdf type=\"diffuse\" id=\"a\"><float name=\"reflectance\"/></bsdf>", 9, "no `value`"),
         ("<bsdf type=\"diffuse\" id=\"a\"><float name=\"reflectance\" value=\"$b\"/></bsdf>", 9, "`$b` has no value"),
         ("<shape type=\"sphere\"><transform name=\"to_world\"><rotate x=\"1\"/></transform></shape>", 9, "angle"),
-        ("<shape type=\"sphere\"><bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\"><string name=\"filename\" value=\"a.png\"/></texture></bsdf></shape>", 9, "textures lie otherwise"),
+        (
+            "<shape type=\"sphere\"><bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\"><string name=\"filename\" value=\"a.png\"/></texture></bsdf></shape>",
+            9,
+            "textures lie otherwise",
+        ),
         ("<sensor type=\"perspective\"/>", 9, "more than one"),
         ("<include filename=\"a.xml\"/>", 9, "not read"),
         ("<shape", 10, "well-formed"),
