@@ -314,8 +314,9 @@ shapes: [{ sphere: {}, bsdf: { diffuse: { reflectance: 1 } } }]
     fn zero_aberration_weights_change_no_bit_and_others_part_the_colors() {
         let map = test_maps::constant(8, 4, [0.2; 3]);
         let with = |lens: &str| {
-            let text =
-                STILL.replace("origin: [0, 1, 5]", &format!("origin: [0, 1, 5], lens: {{ {lens} }}")).replace("SAMPLER", "{ sobol: {} }");
+            let text = STILL
+                .replace("origin: [0, 1, 5]", &format!("origin: [0, 1, 5], lens: {{ {lens} }}"))
+                .replace("SAMPLER", "{ sobol: { samples_per_pixel: 8 } }");
             whole(&description(&text), Some(&map))
         };
         let plain = with("");

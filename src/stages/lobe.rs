@@ -29,6 +29,10 @@ use crate::render::texture::TexturePoint;
 /// has the expected and the drawn number of directions of every cell of a grid of equal solid angles, and `picture` shows
 /// both side by side. `test` is the chi-square test of them. `albedo` has the share of light that is scattered, by
 /// the angle of the outgoing direction: by integration (delta lobes apart) and as the mean weight of drawn directions.
+///
+/// ```yaml
+/// gold: { lobe: { of: { bsdf: { rough-conductor: { metal: gold, alpha: 0.2 } } }, outgoing_degrees: 60 }, save: { picture: png, test: csv } }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Lobe {

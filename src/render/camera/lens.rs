@@ -128,7 +128,7 @@ impl Distortion {
                 low = r;
             }
             let newton = r - excess / self.slope(r);
-            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            let next = if newton >= low && newton <= high { newton } else { 0.5 * (low + high) };
             if (next - r).abs() <= 1e-14 * sensor {
                 return next;
             }
