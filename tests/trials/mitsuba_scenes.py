@@ -2,7 +2,7 @@
 """Renders one scene file with `pipeline` and with Mitsuba 3, for each feature that both have, and holds the means together.
 
     python3 -m venv v && v/bin/pip install mitsuba==3.9.1 numpy
-    v/bin/python tests/trials/mitsuba.py target/release/pipeline [--only NAME,...] [--size 32] [--samples 256] [--seeds 8] [--keep DIR]
+    v/bin/python tests/trials/mitsuba_scenes.py target/release/pipeline [--only NAME,...] [--size 32] [--samples 256] [--seeds 8] [--keep DIR]
 
 Both read the very same XML. Each renders it with several seeds of independent samples; the mean over the picture may differ by
 3 standard errors and 0.3 % of it. Columns: the means, their difference in percent and in standard errors, and the
