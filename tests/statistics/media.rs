@@ -58,7 +58,8 @@ fn without_media_it_is_the_path_tracer_bit_for_bit() {
         let expected = of("path", &text);
         assert_eq!(of("volume-path", &text), expected, "{rest}");
         // A vacuum is no medium either.
-        let boxed = text.replace("shapes:", "shapes:\n  - { box: { min: [-4, -2, -4], max: [4, 4, 6] }, medium: { homogeneous: { sigma_t: 0 } } }");
+        let boxed =
+            text.replace("shapes:", "shapes:\n  - { box: { min: [-4, -2, -4], max: [4, 4, 6] }, medium: { homogeneous: { sigma_t: 0 } } }");
         assert_eq!(of("volume-path", &boxed), expected, "{rest}, in a box of nothing");
     }
 }
@@ -124,7 +125,8 @@ fn a_white_medium_in_a_white_room_cannot_be_seen() {
     for shape in shapes {
         for tracking in TRACKINGS {
             for strategy in ["mis", "bsdf"] {
-                let text = format!("shapes:\n  - {{ {shape} }}\n  - {{ sphere: {{ radius: 0.2 }}, bsdf: {{ diffuse: {{ reflectance: 1 }} }} }}");
+                let text =
+                    format!("shapes:\n  - {{ {shape} }}\n  - {{ sphere: {{ radius: 0.2 }}, bsdf: {{ diffuse: {{ reflectance: 1 }} }} }}");
                 let settings = format!("max_depth: 2000, roulette_depth: 20, strategy: {strategy}, tracking: {tracking}");
                 let found = means(&narrow(&settings, &text), Some(&white()), 2);
                 assert_mean(&format!("{shape} {tracking} {strategy}"), &found, 1.0, 24);

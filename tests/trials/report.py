@@ -290,9 +290,9 @@ def many_jobs(browser, program, folder):
 
 
 def sidecars(browser, program, folder):
-    subprocess.run([program, "report", "page", "--budget", "300KiB", "-q"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([program, "report", "page", "--budget", "400KiB", "-q"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
     page = folder / "outputs/page/report.html"
-    check(any((folder / "outputs/page/report.files").iterdir()) and page.stat().st_size <= 300 << 10, "a small budget puts pixels beside the page")
+    check(any((folder / "outputs/page/report.files").iterdir()) and page.stat().st_size <= 400 << 10, "a small budget puts pixels beside the page")
     browser.open(page.as_uri())
     view(browser, page.as_uri(), "view=env", "ev=-1.5", "zoom=1")
     found, width, height = canvas(browser)
@@ -305,6 +305,19 @@ def sidecars(browser, program, folder):
     browser.run("location.hash = '#view=env'")
     browser.wait("return document.querySelector('.message')?.textContent.includes('not beside this page')", "word of what is missing")
     check(True, "a page sent without its folder says what is missing")
+
+
+def without_webgl(browser, page):
+    browser.open(page)
+    browser.run("""
+      const own = HTMLCanvasElement.prototype.getContext;
+      HTMLCanvasElement.prototype.getContext = function (kind, ...more) { return kind === 'webgl2' ? null : own.call(this, kind, ...more); };
+      location.hash = '#view=env&pixel=64,32';""")
+    browser.wait("return /\\d/.test(document.querySelector('#viewer .values')?.textContent ?? '')", "values without WebGL")
+    lit = browser.run("""
+      const canvas = document.querySelector('#viewer canvas');
+      return canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.filter((v, i) => i % 4 === 1 && v > 60).length;""")
+    check(lit > 1000 and "no WebGL2" in text_of(browser, "#viewer .message"), "without WebGL the preview and the values are there, and it is said")
 
 
 def narrow(browser, page):
@@ -361,6 +374,7 @@ def main():
             faults = [text for text in browser.messages() if "favicon" not in text]
             check(not faults, f"the browser has nothing to complain of {faults[:3]}")
             without_scripts(browser, page)
+            without_webgl(browser, page)
             narrow(browser, page)
             browser.size(1280, 860)
             sidecars(browser, given.program, folder)

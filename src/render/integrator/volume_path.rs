@@ -108,8 +108,7 @@ struct Path {
 impl Transporter {
     /// Radiance along a camera ray, and which surface it would see first without media.
     pub fn radiance_through_media(&self, scene: &Scene, camera_ray: Ray, numbers: &Numbers<'_>) -> (Vec3, FirstHit) {
-        let mut path =
-            Path { ray: camera_ray, origin: Origin::Unique, radiance: Vec3::ZERO, throughput: Vec3::ONE, eta_squared: 1.0 };
+        let mut path = Path { ray: camera_ray, origin: Origin::Unique, radiance: Vec3::ZERO, throughput: Vec3::ONE, eta_squared: 1.0 };
         let mut first = FirstHit::default();
         for depth in 0..=self.max_depth {
             if !self.follow(scene, &mut path, &mut first, depth, numbers) {
@@ -132,7 +131,9 @@ impl Transporter {
             return false;
         }
         let surface = hit.as_ref().map(|hit| (scene.geometry.surface(&path.ray, hit), hit.distance));
-        if depth == 0 && let Some((surface, distance)) = &surface {
+        if depth == 0
+            && let Some((surface, distance)) = &surface
+        {
             let bsdf = scene.material_of(surface.shape).on(surface);
             *first = FirstHit::of(surface, -path.ray.direction, &bsdf, *distance);
         }
@@ -164,8 +165,7 @@ impl Transporter {
         let Some(sample) = drawn else { return false };
         path.throughput *= sample.weight;
         path.eta_squared *= sample.eta * sample.eta;
-        path.origin =
-            if sample.is_delta { Origin::Unique } else { Origin::Scattered { reference: surface.position, pdf: sample.pdf } };
+        path.origin = if sample.is_delta { Origin::Unique } else { Origin::Scattered { reference: surface.position, pdf: sample.pdf } };
         path.ray = surface.spawn(sample.direction);
         self.goes_on(path, depth, unit(choice[1]))
     }

@@ -23,10 +23,8 @@ const MEDIA: [&str; 6] = [
 
 const TRACKINGS: [Tracking; 3] = [Tracking::ClosedForm, Tracking::Delta, Tracking::SquaredDensity];
 
-const PLACE: Place = Place {
-    bounds: Bounds { min: Vec3::new(-1.0, -1.0, -1.0), max: Vec3::new(1.0, 1.0, 1.0) },
-    to_world: DAffine3::IDENTITY,
-};
+const PLACE: Place =
+    Place { bounds: Bounds { min: Vec3::new(-1.0, -1.0, -1.0), max: Vec3::new(1.0, 1.0, 1.0) }, to_world: DAffine3::IDENTITY };
 
 fn medium(text: &str) -> Medium {
     let text = serde_yaml::Deserializer::from_str(text);
@@ -139,8 +137,7 @@ fn collisions_lie_where_the_density_says() {
                 let passing: Vec<f64> =
                     optical_depths(&medium, &ray, stretch, CELLS).into_iter().map(|depth| elementary::exp(-depth)).collect();
                 let before = std::iter::once(1.0).chain(passing.iter().copied());
-                let mut expected: Vec<f64> =
-                    before.zip(&passing).map(|(before, after)| f64::from(COUNT) * (before - after)).collect();
+                let mut expected: Vec<f64> = before.zip(&passing).map(|(before, after)| f64::from(COUNT) * (before - after)).collect();
                 expected.push(f64::from(COUNT) * passing[CELLS - 1]);
                 let test = chi_square_test(&found, &expected);
                 assert!(test.p_value > level, "{text} {tracking:?} {ray:?}: {test:?}");

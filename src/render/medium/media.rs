@@ -101,7 +101,11 @@ impl Media {
             let hit = hit?;
             let surface = self.boundaries.surface(&rest, &hit);
             let bit = 1_u64 << hit.shape;
-            if rest.direction.dot(surface.normal) < 0.0 { inside |= bit } else { inside &= !bit }
+            if rest.direction.dot(surface.normal) < 0.0 {
+                inside |= bit
+            } else {
+                inside &= !bit
+            }
             start = end;
             rest = Ray { reach: rest.reach - hit.distance, ..surface.spawn(rest.direction) };
         }

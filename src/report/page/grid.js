@@ -56,6 +56,9 @@ function groupedBy(items, key) {
   return groups;
 }
 
+/** Images of a group beyond this are reached by sliders. */
+const SHOWN_AT_ONCE = 240;
+
 /** Values of an axis among images, in order of appearance. */
 function valuesOf(ids, axis) {
   return [...new Set(ids.map((id) => data.images[id].at[axis] ?? ""))];
@@ -64,19 +67,35 @@ function valuesOf(ids, axis) {
 function prepareGroup(section) {
   const shots = section.querySelector(".shots");
   const figures = [...shots.children];
-  figures.forEach(prepareShot);
   const ids = figures.map((figure) => Number(figure.dataset.image));
   const group = data.groups[data.images[ids[0]].group];
-  const axes = group.axes.filter((axis) => valuesOf(ids, axis).length > 1);
-  if (ids.length < 2) return;
+  const values = Object.fromEntries(group.axes.map((axis) => [axis, valuesOf(ids, axis)]));
+  const axes = group.axes.filter((axis) => values[axis].length > 1);
+  if (ids.length < 2) return figures.forEach(prepareShot);
+  const isLarge = ids.length > SHOWN_AT_ONCE;
+  const flow = isLarge ? axes.findLast((axis) => values[axis].length <= SHOWN_AT_ONCE) : null;
   const figureAt = new Map(ids.map((id, index) => [id, figures[index]]));
-  const figureOf = (id) => figureAt.get(id);
-  const state = { rows: axes.length > 1 ? axes[0] : "", columns: axes.length > 1 ? axes[1] : "", at: {} };
+  const prepared = new Set();
+  const figureOf = (id) => {
+    if (!prepared.has(id)) prepareShot(figureAt.get(id));
+    prepared.add(id);
+    return figureAt.get(id);
+  };
+  const isTable = axes.length > 1 && !isLarge;
+  const state = { rows: isTable ? axes[0] : "", columns: isTable ? axes[1] : "", at: {} };
   const controls = make("div", { class: "controls" });
   shots.before(controls);
 
-  const shownIds = () => ids.filter((id) => sliders().every((axis) => (data.images[id].at[axis] ?? "") === valuesOf(ids, axis)[state.at[axis] ?? 0]));
-  const sliders = () => (state.rows || state.columns ? axes.filter((axis) => axis !== state.rows && axis !== state.columns) : []);
+  /** Axes that are neither rows nor columns; in a large group one of them is laid out in a row. */
+  const sliders = () => {
+    const isFree = !state.rows && !state.columns;
+    if (isFree && !isLarge) return [];
+    return axes.filter((axis) => axis !== state.rows && axis !== state.columns && !(isFree && axis === flow));
+  };
+  const shownIds = () => {
+    const fixed = sliders().map((axis) => [axis, values[axis][state.at[axis] ?? 0]]);
+    return ids.filter((id) => fixed.every(([axis, value]) => (data.images[id].at[axis] ?? "") === value));
+  };
 
   const arrange = () => {
     const shown = shownIds();
@@ -86,8 +105,8 @@ function prepareGroup(section) {
       shots.replaceChildren(...shown.map(figureOf));
       return;
     }
-    const rows = state.rows ? valuesOf(ids, state.rows) : [null];
-    const columns = state.columns ? valuesOf(ids, state.columns) : [null];
+    const rows = state.rows ? values[state.rows] : [null];
+    const columns = state.columns ? values[state.columns] : [null];
     const table = make("table");
     if (state.columns) {
       const heads = columns.map((value) => make("th", { scope: "col" }, state.columns + " = " + value));
@@ -116,12 +135,11 @@ function prepareGroup(section) {
   };
 
   const slider = (axis) => {
-    const values = valuesOf(ids, axis);
-    const output = make("output", {}, values[state.at[axis] ?? 0]);
-    const input = make("input", { type: "range", min: 0, max: values.length - 1, value: state.at[axis] ?? 0, "aria-label": axis, oninput: (event) => {
+    const output = make("output", {}, values[axis][state.at[axis] ?? 0]);
+    const input = make("input", { type: "range", min: 0, max: values[axis].length - 1, value: state.at[axis] ?? 0, "aria-label": axis, oninput: (event) => {
       state.at[axis] = Number(event.target.value);
-      output.textContent = values[state.at[axis]];
-      input.setAttribute("aria-valuetext", values[state.at[axis]]);
+      output.textContent = values[axis][state.at[axis]];
+      input.setAttribute("aria-valuetext", output.textContent);
       arrange();
     } });
     input.setAttribute("aria-valuetext", output.textContent);

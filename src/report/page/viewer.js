@@ -177,7 +177,7 @@ function draw() {
   view.message.hidden = !view.problem;
   view.message.textContent = view.problem;
   view.root.dataset.drawn = "no";
-  if (!screen) return;
+  if (!screen) return view.layout.forEach((panel) => drawPreview(panel, paint, ratio));
   screen.clear();
   let isWhole = view.marks < 0 || Boolean(view.markValues?.has(view.marks));
   for (const panel of view.layout) {
@@ -195,6 +195,25 @@ function draw() {
     paintOver(paint, panel, ratio);
   }
   if (isWhole) view.root.dataset.drawn = "yes";
+}
+
+/** Without WebGL: the preview, as it is. */
+function drawPreview(panel, paint, ratio) {
+  const image = document.querySelector(`[data-image="${panel.one}"] img`);
+  const canvas = view.canvas.getContext("2d");
+  if (canvas && image) {
+    const { scale, origin } = place(panel);
+    const [width, height] = data.images[panel.one].size;
+    canvas.save();
+    canvas.beginPath();
+    canvas.rect(panel.x, panel.y, panel.width, panel.height);
+    canvas.clip();
+    canvas.clearRect(panel.x, panel.y, panel.width, panel.height);
+    canvas.imageSmoothingEnabled = false;
+    canvas.drawImage(image, panel.x + origin[0], panel.y + origin[1], width * scale, height * scale);
+    canvas.restore();
+  }
+  paintOver(paint, panel, ratio);
 }
 
 /** Names, marks, and the pixel that is looked at. */
@@ -463,7 +482,7 @@ function buildViewer() {
   document.body.append(view.root);
   document.body.style.overflow = "hidden";
   screen = makeScreen(view.canvas);
-  if (!screen) view.problem = "This browser has no WebGL2: images are shown as previews only.";
+  if (!screen) view.problem = "This browser has no WebGL2: what is seen are previews; the values are exact.";
   listen(view.box);
   view.watcher = new ResizeObserver(refresh);
   view.watcher.observe(view.box);

@@ -148,7 +148,10 @@ impl<'a> Element<'a> {
         for part in parts {
             let end = part.find(|letter: char| !letter.is_ascii_alphanumeric() && letter != '_').unwrap_or(part.len());
             let Some(value) = self.xml.defaults.borrow().get(&part[..end]).cloned() else {
-                self.refuse(&format!("`${}` has no value", &part[..end]), Some(format!("add `<default name=\"{}\" value=\"...\"/>`", &part[..end])));
+                self.refuse(
+                    &format!("`${}` has no value", &part[..end]),
+                    Some(format!("add `<default name=\"{}\" value=\"...\"/>`", &part[..end])),
+                );
                 return None;
             };
             found.push_str(&value);

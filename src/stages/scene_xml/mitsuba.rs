@@ -301,7 +301,15 @@ impl<'a> Reader<'a> {
             }
             _ => {
                 bsdf.refuse_kind(&[
-                    "diffuse", "dielectric", "roughdielectric", "conductor", "roughconductor", "plastic", "twosided", "normalmap", "null",
+                    "diffuse",
+                    "dielectric",
+                    "roughdielectric",
+                    "conductor",
+                    "roughconductor",
+                    "plastic",
+                    "twosided",
+                    "normalmap",
+                    "null",
                 ]);
                 return None;
             }

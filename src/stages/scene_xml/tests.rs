@@ -78,7 +78,8 @@ fn a_scene_of_mitsuba_is_ours() {
 <shape type="cube"><emitter type="area"><rgb name="radiance" value="1 2 3"/></emitter></shape>
 <shape type="ply"><string name="filename" value="a$$grey.ply"/><boolean name="face_normals" value="true"/>
   <bsdf type="dielectric"><float name="int_ior" value="1.5"/><string name="ext_ior" value="vacuum"/></bsdf></shape>
-<emitter type="point"><point name="position" value="1, 2, 3"/><rgb name="intensity" value="2"/></emitter>"#,
+<emitter type="point"><point name="position" value="1, 2, 3"/><rgb name="intensity" value="2"/></emitter>
+<emitter type="spot"><transform name="to_world"><lookat origin="0,1,0" target="0,-1,0" up="1,0,0"/></transform><rgb name="intensity" value="4"/></emitter>"#,
         )
         .replace("a$$grey", "a"),
         &format!(
@@ -91,6 +92,7 @@ shapes:
   - {{ mesh: {{ path: a.ply, normals: flat }}, bsdf: {{ dielectric: {{ eta: 1.5 }} }} }}
 emitters:
   - {{ point: {{ position: [1, 2, 3], intensity: 2 }} }}
+  - {{ spot: {{ position: [0, 1, 0], target: [0, -1, 0], intensity: 4, cutoff_degrees: 20, beam_degrees: 15, falloff: mitsuba }} }}
 "
         ),
     );
@@ -162,7 +164,11 @@ fn what_differs_is_refused_with_its_line() {
         ("<bsdf type=\"diffuse\" id=\"a\"><float name=\"reflectance\"/></bsdf>", 9, "no `value`"),
         ("<bsdf type=\"diffuse\" id=\"a\"><float name=\"reflectance\" value=\"$b\"/></bsdf>", 9, "`$b` has no value"),
         ("<shape type=\"sphere\"><transform name=\"to_world\"><rotate x=\"1\"/></transform></shape>", 9, "angle"),
-        ("<shape type=\"sphere\"><bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\"><string name=\"filename\" value=\"a.png\"/></texture></bsdf></shape>", 9, "textures lie otherwise"),
+        (
+            "<shape type=\"sphere\"><bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\"><string name=\"filename\" value=\"a.png\"/></texture></bsdf></shape>",
+            9,
+            "textures lie otherwise",
+        ),
         ("<sensor type=\"perspective\"/>", 9, "more than one"),
         ("<include filename=\"a.xml\"/>", 9, "not read"),
         ("<shape", 10, "well-formed"),

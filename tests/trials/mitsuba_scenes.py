@@ -2,11 +2,11 @@
 """Renders one scene file with `pipeline` and with Mitsuba 3, for each feature that both have, and holds the means together.
 
     python3 -m venv v && v/bin/pip install mitsuba==3.9.1 numpy
-    v/bin/python tests/trials/mitsuba.py target/release/pipeline [--only NAME,...] [--size 32] [--samples 256] [--seeds 8] [--keep DIR]
+    v/bin/python tests/trials/mitsuba_scenes.py target/release/pipeline [--only NAME,...] [--size 32] [--samples 256] [--seeds 8] [--keep DIR]
 
 Both read the very same XML. Each renders it with several seeds of independent samples; the mean over the picture may differ by
 3 standard errors and 0.3 % of it. Columns: the means, their difference in percent and in standard errors, and the
-largest |z| of 4 x 4 tiles of the picture, of which 16 tiles and 3 channels have 3.3 at most as a rule.
+largest |z| of 4 x 4 tiles of the picture: with 8 seeds 5 is nothing unusual among 48 numbers, with 4 seeds 10.
 
 Skipped aloud without the wheel, or with another version of it than the one that the tolerances were found with.
 """
@@ -20,7 +20,8 @@ VERSION = "3.9.1"
 SHARE = 0.003
 ERRORS = 3.0
 
-FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/><translate y="-1"/></transform>
+# Below the media: where a boundary lies in a surface, Mitsuba takes either of them first.
+FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/><translate y="-1.1"/></transform>
   <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.5, 0.4, 0.3"/></bsdf></bsdf></shape>"""
 LAMP = """<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="90"/><translate y="2.5" z="0.5"/></transform>
   <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="6, 5, 4"/></emitter></shape>"""
