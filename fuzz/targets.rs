@@ -8,12 +8,14 @@ use std::sync::OnceLock;
 
 use pipeline::engine::registry::Registry;
 use pipeline::engine::request::Request;
+use pipeline::engine::source::Findings;
 use pipeline::engine::store::record::{PublicationRecord, ResultRecord, seal, unseal};
 use pipeline::engine::sweep::build;
 use pipeline::formats::{self, Content, FORMATS, Limits};
 use pipeline::image::raster::Image;
+use pipeline::render::medium::grid::Voxels;
 use pipeline::render::mesh::{Mesh, read, write};
-use pipeline::stages::registry;
+use pipeline::stages::{registry, scene_xml};
 
 /// Name of a target, which is also its folder of seeds, and what it tries.
 pub type Target = (&'static str, fn(&[u8]));
@@ -29,6 +31,8 @@ pub const TARGETS: &[Target] = &[
     ("ply", mesh),
     ("obj", mesh),
     ("gltf", mesh),
+    ("voxels", voxels),
+    ("scene", scene),
     ("pipeline", pipeline_file),
     ("arguments", arguments),
     ("record", record),
@@ -98,6 +102,30 @@ fn built(text: &[u8], change: impl FnOnce(&mut Request)) {
     match build(kinds(), &request) {
         Ok((graph, _)) => assert!(graph.jobs.len() <= 2000),
         Err(mistakes) => assert!(!mistakes.is_empty(), "a refusal says why"),
+    }
+}
+
+/// Voxels that were read are as many as they say.
+fn voxels(bytes: &[u8]) {
+    let Ok(voxels) = Voxels::read(bytes) else { return };
+    assert!(voxels.size().iter().product::<usize>() <= bytes.len());
+}
+
+/// A scene of another program becomes one of ours in the place of a section, or its mistakes are told.
+fn scene(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    let mut findings = Findings::default();
+    let scene = scene_xml::read(0, text, &mut findings);
+    assert_eq!(scene.is_none(), findings.error_count() > 0, "a refusal says why");
+    if scene.is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::write(folder.path().join("scene.xml"), text).expect("the file can be written");
+    let path = folder.path().join("p.yaml");
+    fs::write(&path, "stages: { picture: { render: { scene: scene.xml } } }\n").expect("the file can be written");
+    if let Err(mistakes) = build(kinds(), &Request::of_file(&path)) {
+        assert!(!mistakes.is_empty(), "a refusal says why");
     }
 }
 

@@ -13,4 +13,5 @@ pub mod image;
 pub mod light;
 pub mod math;
 pub mod render;
+pub mod report;
 pub mod stages;

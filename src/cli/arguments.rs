@@ -57,6 +57,8 @@ pub enum Command {
     Convert(ConvertCommand),
     /// Make a run again from nothing and compare every byte
     Verify(VerifyCommand),
+    /// Make a page of a run: images to compare, figures, tables, times, and where each result comes from
+    Report(ReportCommand),
     /// Show what differs between two runs: parameters, tables, images
     Diff(DiffCommand),
     /// Find the stage, the parameters and the run that made a file
@@ -201,6 +203,17 @@ impl MachineArguments {
     }
 }
 
+/// How to show the results.
+#[derive(Debug, Clone, Args)]
+pub struct ShowArguments {
+    /// Make a page of the run, as `pipeline report` does
+    #[arg(long)]
+    pub report: bool,
+    /// Send finished images to a running tev, if one listens [default address: 127.0.0.1:14158]
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = super::viewing::ADDRESS)]
+    pub view: Option<String>,
+}
+
 /// Arguments of `run`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -226,6 +239,9 @@ pub struct RunCommand {
     /// Write what happens to a file, one JSON object a line
     #[arg(long, value_name = "FILE")]
     pub events: Option<PathBuf>,
+    /// What is made beside the published files.
+    #[command(flatten)]
+    pub show: ShowArguments,
     /// Form of the results, and with json of errors, on stdout
     #[arg(long, value_enum, default_value_t)]
     pub format: PlanFormat,
@@ -378,6 +394,30 @@ pub struct VerifyCommand {
     pub format: Format,
 }
 
+/// Arguments of `report`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline report light                       outputs/light/report.html, the page of the latest run
+  pipeline report light --out light.html --budget 1GiB   all of it in one file, to be sent
+  pipeline run light.yaml --report            run, then make the page; `watch --report` keeps it fresh")]
+pub struct ReportCommand {
+    /// The run: its id, its folder, its manifest, or the name of a pipeline (its latest run)
+    pub run: String,
+    /// Where to write the page [default: report.html beside the manifest]; large data go into a folder beside it
+    #[arg(short, long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// How large the page may get before pixels go into files beside it, as 24MiB or 2GiB
+    #[arg(long, value_name = "SIZE", value_parser = super::machine::byte_size, default_value = "24MiB")]
+    pub budget: u64,
+    /// Where the run wrote.
+    #[command(flatten)]
+    pub places: PlaceArguments,
+    /// How much to say.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+}
+
 /// Arguments of `diff`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -438,6 +478,9 @@ pub struct WatchCommand {
     /// Run what does not depend on a failed job
     #[arg(short, long)]
     pub keep_going: bool,
+    /// What is made beside the published files.
+    #[command(flatten)]
+    pub show: ShowArguments,
 }
 
 /// Arguments of `init`.

@@ -10,12 +10,14 @@ mod manual;
 mod outcomes;
 mod plan;
 mod progress;
+mod report;
 mod run;
 mod screen;
 mod shell;
 mod signals;
 mod store;
 mod verify;
+mod viewing;
 mod watch;
 mod which;
 
@@ -77,6 +79,7 @@ fn execute(arguments: Arguments, screen: &Screen) -> Ending {
         Command::Info(command) => images::info(&command, screen),
         Command::Convert(command) => images::convert(&command, screen),
         Command::Verify(command) => verify::verify(&command, screen),
+        Command::Report(command) => report::report(&command, screen),
         Command::Diff(command) => diff::diff(&command, screen),
         Command::Which(command) => which::which(&command, screen),
         Command::Watch(command) => watch::watch(&command, screen),

@@ -82,13 +82,13 @@ impl Progress {
                     self.screen.say(&format!("{jobs} jobs, {hits} of them in the store\n"));
                 }
             }
-            Event::Started { job, reason, progress } => {
-                let running = RunningJob { name: job.clone(), reason: reason.clone(), permille: progress.clone(), since: Instant::now() };
-                self.board.lock().expect(NO_PANIC).running.push(running);
-                if self.screen.is_terminal && self.painter.is_none() {
-                    self.start_painter();
-                }
+            Event::Restoring { files, progress } => {
+                let mut board = self.board.lock().expect(NO_PANIC);
+                board.done = board.total;
+                drop(board);
+                self.show(format!("{files} files of an earlier run are put back"), String::new(), progress);
             }
+            Event::Started { job, reason, progress } => self.show(job.clone(), reason.clone(), progress),
             Event::Finished { job, outcome, reason, seconds, done, total, .. } => {
                 let mut board = self.board.lock().expect(NO_PANIC);
                 board.done = *done;
@@ -108,6 +108,15 @@ impl Progress {
                 }
             }
             Event::Published { .. } | Event::Warning { .. } | Event::Ended { .. } => {}
+        }
+    }
+
+    /// Gives a row to what goes on.
+    fn show(&mut self, name: String, reason: String, permille: &Arc<AtomicU32>) {
+        let running = RunningJob { name, reason, permille: permille.clone(), since: Instant::now() };
+        self.board.lock().expect(NO_PANIC).running.push(running);
+        if self.screen.is_terminal && self.painter.is_none() {
+            self.start_painter();
         }
     }
 
@@ -133,6 +142,7 @@ impl Progress {
     pub fn end(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
         if let Some(painter) = self.painter.take() {
+            painter.thread().unpark();
             let _ = painter.join();
             self.screen.say(&self.outcomes.text());
         }
@@ -172,7 +182,7 @@ fn paint(board: &Mutex<Board>, is_over: &AtomicBool, rows: usize) {
         // The cursor is left at the edge of the last row, where the `^C` that a terminal writes would begin another line; then one
         // line of the bars would stay. At the start of the row it does no harm.
         let _ = std::io::stderr().write_all(b"\r");
-        std::thread::sleep(REFRESH);
+        std::thread::park_timeout(REFRESH);
     }
     let _ = bars.clear();
 }

@@ -9,11 +9,13 @@ use super::arguments::{MachineArguments, PlanFormat, RunCommand, TalkArguments};
 use super::progress::Progress;
 use super::screen::{Screen, json_text};
 use super::signals::Interrupt;
+use super::viewing::Viewer;
 use crate::engine::diagnostic::escape;
 use crate::engine::events::{Event, Failure, Listener};
 use crate::engine::graph::Graph;
 use crate::engine::manifest::Status;
 use crate::engine::registry::Registry;
+use crate::engine::request::Request;
 use crate::engine::run::{self, Places, RunError, Summary};
 use crate::engine::schedule::{Settings, panics};
 use crate::engine::sweep::build;
@@ -26,14 +28,19 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
         return Ending::Refused;
     }
     let interrupt = Interrupt::listen();
-    let manner = Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk };
+    let manner =
+        Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk, view: command.show.view.clone() };
     let (request, places) = (command.work.request(), command.work.places.places());
+    let finish = |summary: &Summary| {
+        let ending = conclude(manner.talk, command.format, summary, &interrupt, screen);
+        if command.show.report { with_report(ending, summary, &places, manner.talk, &interrupt, screen) } else { ending }
+    };
     // Who wants to hear of every job is told of every job.
-    if command.events.is_none() && !manner.talk.verbose {
-        match run::memory::run(&request, &places, manner.settings()) {
-            Ok(Some(summary)) => return conclude(manner.talk, command.format, &summary, &interrupt, screen),
+    if command.events.is_none() && !manner.talk.verbose && manner.view.is_none() {
+        match execute_from_memory(&request, &places, &manner, &interrupt, screen) {
+            Ok(Some(summary)) => return finish(&summary),
             Ok(None) => {}
-            Err(error) => return refuse(&error.into(), command.format == PlanFormat::Json, screen),
+            Err(error) => return refuse(&error, command.format == PlanFormat::Json, screen),
         }
     }
     let registry = registry();
@@ -57,9 +64,25 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
     };
     let result = execute(graph, &registry, &places, &manner, events, &interrupt, screen);
     match result {
-        Ok(summary) => conclude(command.work.talk, command.format, &summary, &interrupt, screen),
+        Ok(summary) => finish(&summary),
         Err(error) => refuse(&error, command.format == PlanFormat::Json, screen),
     }
+}
+
+/// Makes the page of a run that was not interrupted; the run's own ending counts, if it was not a good one.
+pub fn with_report(
+    ending: Ending,
+    summary: &Summary,
+    places: &Places,
+    talk: TalkArguments,
+    interrupt: &Interrupt,
+    screen: &Screen,
+) -> Ending {
+    if summary.status == Status::Interrupted {
+        return ending;
+    }
+    let made = super::report::after_run(&summary.manifest, places, talk, interrupt, screen);
+    if ending == Ending::Done { made } else { ending }
 }
 
 /// How to run and how to tell of it.
@@ -70,12 +93,30 @@ pub struct Manner {
     pub keep_going: bool,
     /// How much to say.
     pub talk: TalkArguments,
+    /// Where a viewer may listen.
+    pub view: Option<String>,
 }
 
 impl Manner {
     fn settings(&self) -> Settings {
         Settings { threads: self.machine.threads(), memory: self.machine.memory(), keep_going: self.keep_going, start_pool }
     }
+}
+
+/// What an earlier run is remembered for, if that is all there is to do.
+fn execute_from_memory(
+    request: &Request,
+    places: &Places,
+    manner: &Manner,
+    interrupt: &Interrupt,
+    screen: &Screen,
+) -> Result<Option<Summary>, RunError> {
+    let settings = manner.settings();
+    let progress = Progress::new(screen, manner.talk, settings.threads);
+    let mut listener = Listeners { interrupt: interrupt.clone(), progress, events: None, viewer: None };
+    let result = run::memory::run(request, places, settings, &interrupt.flag, &mut listener);
+    listener.progress.end();
+    Ok(result?)
 }
 
 /// Runs a graph with progress on the screen and events in a file.
@@ -91,9 +132,11 @@ pub fn execute(
     panics::hush();
     let settings = manner.settings();
     let progress = Progress::new(screen, manner.talk, settings.threads);
-    let mut listener = Listeners { interrupt: interrupt.clone(), progress, events };
+    let viewer = manner.view.as_ref().and_then(|address| Viewer::connect(address, places.outputs.join(&graph.pipeline)));
+    let mut listener = Listeners { interrupt: interrupt.clone(), progress, events, viewer };
     let result = run::run(graph, registry, places, settings, interrupt.flag.clone(), &mut listener);
     listener.progress.end();
+    listener.viewer.into_iter().for_each(Viewer::end);
     result
 }
 
@@ -187,6 +230,7 @@ struct Listeners {
     interrupt: Interrupt,
     progress: Progress,
     events: Option<BufWriter<File>>,
+    viewer: Option<Viewer>,
 }
 
 impl Listener for Listeners {
@@ -195,6 +239,9 @@ impl Listener for Listeners {
             self.interrupt.is_running.store(true, std::sync::atomic::Ordering::Relaxed);
         }
         self.progress.notify(event);
+        if let Some(viewer) = &mut self.viewer {
+            viewer.notify(event);
+        }
         if let Some(events) = &mut self.events
             && write_event(events, event).is_err()
         {

@@ -91,7 +91,7 @@ fn run_again(
         Ending::Refused
     })?;
     // What failed in the recorded run may fail again; everything else is compared.
-    let manner = Manner { machine: command.machine, keep_going: true, talk: command.talk };
+    let manner = Manner { machine: command.machine, keep_going: true, talk: command.talk, view: None };
     let places = scratch.places();
     let summary = execute(graph, &registry, &places, &manner, None, interrupt, screen)
         .map_err(|error| refuse(&error, command.format == Format::Json, screen))?;

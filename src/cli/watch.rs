@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use super::Ending;
 use super::arguments::{PlanFormat, WatchCommand};
-use super::run::{Manner, conclude, execute, refuse};
+use super::run::{Manner, conclude, execute, refuse, with_report};
 use super::screen::Screen;
 use super::signals::Interrupt;
 use crate::engine::diagnostic::{Diagnostic, escape, render};
@@ -33,7 +33,8 @@ const REREAD: Duration = Duration::from_millis(600);
 pub fn watch(command: &WatchCommand, screen: &Screen) -> Ending {
     let interrupt = Interrupt::listen();
     let registry = registry();
-    let manner = Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk };
+    let view = command.show.view.clone();
+    let manner = Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk, view };
     loop {
         let (graph, warnings) = match built(command, &registry, screen) {
             Ok(built) => built,
@@ -52,7 +53,13 @@ pub fn watch(command: &WatchCommand, screen: &Screen) -> Ending {
             Ok(summary) if summary.status == Status::Interrupted => {
                 return conclude(command.work.talk, PlanFormat::Text, &summary, &interrupt, screen);
             }
-            Ok(summary) => drop(conclude(command.work.talk, PlanFormat::Text, &summary, &interrupt, screen)),
+            Ok(summary) => {
+                let talk = command.work.talk;
+                let ending = conclude(talk, PlanFormat::Text, &summary, &interrupt, screen);
+                if command.show.report {
+                    with_report(ending, &summary, &command.work.places.places(), talk, &interrupt, screen);
+                }
+            }
             Err(error) => drop(refuse(&error, false, screen)),
         }
         interrupt.is_running.store(false, Ordering::Relaxed);

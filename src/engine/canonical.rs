@@ -6,7 +6,7 @@
 use serde_json::{Map, Number, Value as Json, json};
 
 use super::coordinate::Scalar;
-use super::schema::{FieldPath, Role, Step, alternatives, resolved};
+use super::schema::{FieldPath, Role, Rules, Step};
 
 /// A field that has no place in the key as it stands.
 pub struct Replaced<'a> {
@@ -18,10 +18,10 @@ pub struct Replaced<'a> {
     pub instead: Option<Json>,
 }
 
-/// The canonical form of `parameters`, all fields of a block with that schema.
-pub fn canonical(schema: &Json, parameters: Json, replaced: &[Replaced<'_>]) -> Json {
+/// The canonical form of `parameters`, all fields of a block with those rules.
+pub fn canonical(rules: &Rules<'_>, parameters: Json, replaced: &[Replaced<'_>]) -> Json {
     let mut json = parameters;
-    strip_defaults(schema, schema, &mut json);
+    strip_defaults(rules, rules.root(), &mut json);
     for Replaced { path, instead, .. } in replaced {
         match instead {
             Some(instead) => put(&mut json, path, instead.clone()),
@@ -51,20 +51,24 @@ fn remove(json: &mut Json, path: &FieldPath) {
 }
 
 /// Removes what is absent or at its default, at any depth of fields, lists and choices.
-fn strip_defaults(root: &Json, schema: &Json, json: &mut Json) {
-    let schema = resolved(root, schema);
-    if let (Json::Array(items), Some(schema @ Json::Object(_))) = (&mut *json, schema.get("items")) {
-        return items.iter_mut().for_each(|item| strip_defaults(root, schema, item));
+fn strip_defaults<'s>(rules: &Rules<'s>, schema: &'s Json, json: &mut Json) {
+    // Nothing is inside of a plain value.
+    if !json.is_object() && !json.is_array() {
+        return;
     }
-    if let Some(chosen) = alternatives(root, schema).into_iter().find(|alternative| is_of(alternative, json)) {
-        return strip_defaults(root, chosen, json);
+    let (schema, alternatives) = rules.shape(schema);
+    if let (Json::Array(items), Some(schema @ Json::Object(_))) = (&mut *json, schema.get("items")) {
+        return items.iter_mut().for_each(|item| strip_defaults(rules, schema, item));
+    }
+    if let Some(chosen) = alternatives.iter().find(|alternative| is_of(alternative, json)) {
+        return strip_defaults(rules, chosen, json);
     }
     let properties = schema.get("properties").and_then(Json::as_object);
     let Json::Object(fields) = json else { return };
     // A map with names of the writer's own has one schema for all its values.
     let others = schema.get("additionalProperties").filter(|others| others.is_object());
     if let (None, Some(others)) = (properties, others) {
-        return fields.values_mut().for_each(|value| strip_defaults(root, others, value));
+        return fields.values_mut().for_each(|value| strip_defaults(rules, others, value));
     }
     let Some(properties) = properties else { return };
     fields.retain(|name, value| {
@@ -72,7 +76,7 @@ fn strip_defaults(root: &Json, schema: &Json, json: &mut Json) {
         let default = schema.and_then(|schema| schema.get("default"));
         let is_default = value.is_null() || default.is_some_and(|default| are_same(default, value));
         if let (Some(schema), false) = (schema, is_default) {
-            strip_defaults(root, schema, value);
+            strip_defaults(rules, schema, value);
         }
         !is_default
     });
@@ -145,7 +149,7 @@ mod tests {
         } });
         let sphere = json!({ "sphere": { "radius": 1.0, "center": 2 } });
         let parameters = json!({ "list": [sphere, "none", { "other": { "radius": 1 } }], "named": { "a": sphere } });
-        let found = canonical(&schema, parameters, &[]).to_string();
+        let found = canonical(&Rules::new("kind", &schema), parameters, &[]).to_string();
         assert_eq!(found, r#"{"list":[{"sphere":{"center":2}},"none",{"other":{"radius":1}}],"named":{"a":{"sphere":{"center":2}}}}"#);
     }
 
@@ -155,11 +159,11 @@ mod tests {
         let path = |name: &str| FieldPath::parse(name);
         let (of, file) = (path("of"), path("path"));
         let replaced = [
-            Replaced { path: &of, role: &Role::Port(Vec::new()), instead: None },
+            Replaced { path: &of, role: &Role::Port(Vec::new().into()), instead: None },
             Replaced { path: &file, role: &Role::File, instead: Some(json!({ "file": "path" })) },
         ];
         let parameters = json!({ "path": "/x/y.pfm", "of": "env", "none": null, "b": 2, "a": { "z": 1.0, "c": [0.5] } });
-        let canonical = canonical(&schema, parameters, &replaced);
+        let canonical = canonical(&Rules::new("kind", &schema), parameters, &replaced);
         assert_eq!(canonical.to_string(), r#"{"a":{"c":[0.5],"z":1},"path":{"file":"path"}}"#);
     }
 }

@@ -18,6 +18,14 @@ pub enum Event {
         /// Those whose result is in the store.
         hits: usize,
     },
+    /// Nothing is computed, but published files of an earlier run are put back.
+    Restoring {
+        /// Their number.
+        files: usize,
+        /// How far it is, in thousandths.
+        #[serde(skip)]
+        progress: Arc<AtomicU32>,
+    },
     /// A job begins.
     Started {
         /// `stage[axis=value,…]`.

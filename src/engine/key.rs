@@ -5,7 +5,6 @@
 //! Neither holds a stage's name, a path, a machine, a thread count or a time.
 
 use serde_json::Value as Json;
-use sha2::{Digest as _, Sha256};
 
 use super::artifact::{Origin, TypeName};
 use super::coordinate::Scalar;
@@ -13,19 +12,20 @@ use super::digest::Digest;
 use super::graph::{Graph, InputNode, JobNode};
 use super::lines;
 
-/// Hashes fields one after the other, each with its length before it, so that no two lists of fields agree.
-struct Fields(Sha256);
+/// Fields one after the other, each with its length before it, so that no two lists of fields agree. They are few bytes, and
+/// hashed at once.
+struct Fields(Vec<u8>);
 
 impl Fields {
     fn new(purpose: &str) -> Self {
-        let mut fields = Self(Sha256::new());
+        let mut fields = Self(Vec::with_capacity(1 << 10));
         fields.text(purpose);
         fields
     }
 
     fn bytes(&mut self, bytes: &[u8]) {
-        self.0.update((bytes.len() as u64).to_le_bytes());
-        self.0.update(bytes);
+        self.0.extend((bytes.len() as u64).to_le_bytes());
+        self.0.extend(bytes);
     }
 
     fn text(&mut self, text: &str) {
@@ -33,11 +33,11 @@ impl Fields {
     }
 
     fn number(&mut self, number: u64) {
-        self.0.update(number.to_le_bytes());
+        self.0.extend(number.to_le_bytes());
     }
 
     fn digest(&mut self, digest: &Digest) {
-        self.0.update(digest.0);
+        self.0.extend(digest.0);
     }
 
     fn scalar(&mut self, value: &Scalar) {
@@ -48,7 +48,7 @@ impl Fields {
             }
             Scalar::Integer(value) => {
                 self.text("integer");
-                self.0.update(value.to_le_bytes());
+                self.0.extend(value.to_le_bytes());
             }
             Scalar::Number(value) => {
                 self.text("number");
@@ -62,7 +62,7 @@ impl Fields {
     }
 
     fn finish(self) -> Digest {
-        Digest(self.0.finalize().into())
+        Digest::of(&self.0)
     }
 }
 
@@ -164,11 +164,12 @@ pub fn publication_key(type_name: TypeName, artifact: &Digest, format: &str, enc
 /// JSON with the keys of every object sorted and no spaces.
 pub fn canonical_text(value: &Json) -> String {
     let mut text = Vec::with_capacity(128);
-    write_canonical(value, &mut text);
+    add_canonical(value, &mut text);
     String::from_utf8(text).expect("JSON is UTF-8")
 }
 
-fn write_canonical(value: &Json, text: &mut Vec<u8>) {
+/// Adds the same to another text.
+pub fn add_canonical(value: &Json, text: &mut Vec<u8>) {
     match value {
         Json::Object(fields) => {
             let mut entries: Vec<_> = fields.iter().collect();
@@ -178,9 +179,9 @@ fn write_canonical(value: &Json, text: &mut Vec<u8>) {
                 if index > 0 {
                     text.push(b',');
                 }
-                lines::add_line(name, text);
+                lines::add_text(name, text);
                 text.push(b':');
-                write_canonical(value, text);
+                add_canonical(value, text);
             }
             text.push(b'}');
         }
@@ -190,10 +191,11 @@ fn write_canonical(value: &Json, text: &mut Vec<u8>) {
                 if index > 0 {
                     text.push(b',');
                 }
-                write_canonical(item, text);
+                add_canonical(item, text);
             }
             text.push(b']');
         }
+        Json::String(value) => lines::add_text(value, text),
         plain => lines::add_line(plain, text),
     }
 }

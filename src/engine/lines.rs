@@ -23,6 +23,17 @@ pub fn add_line(value: &(impl Serialize + ?Sized), text: &mut Vec<u8>) {
     serde_json::to_writer(text, value).expect(PLAIN);
 }
 
+/// Adds a text in quotes to another.
+pub fn add_text(value: &str, text: &mut Vec<u8>) {
+    // Nearly all have nothing to escape, which is seen many bytes at once.
+    if value.bytes().fold(false, |is_odd, byte| is_odd | (byte < b' ') | (byte == b'"') | (byte == b'\\')) {
+        return add_line(value, text);
+    }
+    text.push(b'"');
+    text.extend(value.as_bytes());
+    text.push(b'"');
+}
+
 const PLAIN: &str = "plain data can be written to memory";
 
 /// The text in lines, with a line break at its end.
@@ -118,6 +129,16 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+
+    #[test]
+    fn a_text_is_written_as_serde_writes_it() {
+        let odd = (0..=0x7f_u8).map(|byte| format!("a{}b", char::from(byte)));
+        for value in odd.chain(["", "plain", "größer ✓", "\u{2028}"].map(str::to_owned)) {
+            let mut text = Vec::new();
+            add_text(&value, &mut text);
+            assert_eq!(String::from_utf8(text).unwrap(), line(&value));
+        }
+    }
 
     #[test]
     fn each_item_of_the_second_level_has_a_line() {

@@ -12,8 +12,8 @@ use serde_json::Value as Json;
 use super::coordinate::{Coordinate, Scalar};
 use super::digest::Digest;
 use super::graph::{Graph, InputNode, JobNode};
-use super::key::canonical_text;
-use super::lines::line;
+use super::key::add_canonical;
+use super::lines::{add_line, add_text};
 use super::schema::FieldPath;
 
 /// Name and version of this form.
@@ -162,6 +162,12 @@ pub struct JobMeasured {
     pub seconds: f64,
     /// Memory beside its inputs, as its kind estimates it, in bytes.
     pub memory: u64,
+    /// When it started, in seconds since the run began; only where it ran in this run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<f64>,
+    /// The job thread it ran on, from 0; likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thread: Option<u32>,
 }
 
 /// A result on a port.
@@ -348,19 +354,53 @@ impl Standing {
 /// SHA-256 of the canonical JSON of the sorted (stage, coordinate, kind, version, parameters, digests of the
 /// outputs) and the sorted (path, digest) of the published files.
 pub fn result_id(jobs: &[JobEntry], published: &[PublishedEntry]) -> Digest {
-    let mut job_texts: Vec<String> = jobs.iter().map(job_identity).collect();
-    job_texts.sort_unstable();
-    let mut file_texts: Vec<String> = published.iter().map(|entry| line(&(&entry.path, entry.sha256))).collect();
-    file_texts.sort_unstable();
-    let text = format!(r#"{{"jobs":[{}],"published":[{}]}}"#, job_texts.join(","), file_texts.join(","));
-    Digest::of(text.as_bytes())
+    let mut text = b"{\"jobs\":[".to_vec();
+    add_sorted(jobs, add_job_identity, &mut text);
+    text.extend(b"],\"published\":[");
+    add_sorted(published, |entry, text| add_line(&(&entry.path, entry.sha256), text), &mut text);
+    text.extend(b"]}");
+    Digest::of(&text)
 }
 
-fn job_identity(job: &JobEntry) -> String {
-    let JobEntry { stage, kind, version, .. } = job;
-    let outputs: Vec<_> = job.outputs.iter().map(|output| output.sha256).collect();
-    let [stage, kind, outputs] = [line(stage), line(kind), line(&outputs)];
-    format!("[{stage},{},{kind},{version},{},{outputs}]", canonical_text(&job.coordinate), canonical_text(&job.parameters))
+/// Adds the texts of items in their order, with commas between.
+fn add_sorted<T>(items: &[T], add: impl Fn(&T, &mut Vec<u8>), text: &mut Vec<u8>) {
+    // All of them stand in one piece of memory: they are many and short.
+    let mut unsorted = Vec::new();
+    let mut add_one = |item| {
+        let start = unsorted.len();
+        add(item, &mut unsorted);
+        start..unsorted.len()
+    };
+    let mut places: Vec<_> = items.iter().map(&mut add_one).collect();
+    places.sort_unstable_by(|a, b| unsorted[a.clone()].cmp(&unsorted[b.clone()]));
+    for (index, place) in places.into_iter().enumerate() {
+        if index > 0 {
+            text.push(b',');
+        }
+        text.extend(&unsorted[place]);
+    }
+}
+
+fn add_job_identity(job: &JobEntry, text: &mut Vec<u8>) {
+    let JobEntry { stage, coordinate, kind, version, parameters, outputs, .. } = job;
+    text.push(b'[');
+    add_text(stage, text);
+    text.push(b',');
+    add_canonical(coordinate, text);
+    text.push(b',');
+    add_text(kind, text);
+    text.push(b',');
+    add_line(version, text);
+    text.push(b',');
+    add_canonical(parameters, text);
+    text.extend(b",[");
+    for (index, output) in outputs.iter().enumerate() {
+        if index > 0 {
+            text.push(b',');
+        }
+        add_line(&output.sha256, text);
+    }
+    text.extend(b"]]");
 }
 
 /// The entry of a job, before anything is known of its results.

@@ -1,10 +1,16 @@
 //! The tables of a program: its stage kinds and its artifact types.
 
+use std::ffi::OsStr;
+use std::path::Path;
+use std::sync::OnceLock;
+
 use schemars::generate::SchemaSettings;
 use serde_json::Value as Json;
 
 use super::artifact::{Artifact, ArtifactKind};
+use super::source::Findings;
 use super::stage::{AnyStage, ResultDeclaration, Stage};
+use super::yaml::{self, Node};
 use crate::catalogue::Catalogue;
 
 /// One row of the table of kinds.
@@ -15,16 +21,22 @@ pub struct Kind {
     pub version: u32,
     /// Its results, the first one first.
     pub results: &'static [ResultDeclaration],
-    /// JSON Schema (draft-07) of its parameters, with references resolved by `definitions`.
-    pub schema: Json,
+    /// Made when it is asked for: a pipeline has few of all kinds.
+    schema: OnceLock<Json>,
+    make_schema: fn() -> Json,
     parse: fn(serde_yaml::Value) -> Result<Box<dyn AnyStage>, ParseError>,
 }
 
 impl Kind {
     /// The row of kind `T`.
     pub fn of<T: Stage>() -> Self {
-        let schema = SchemaSettings::draft07().into_generator().into_root_schema_for::<T>();
-        Self { name: T::KIND, version: T::VERSION, results: T::RESULTS, schema: schema.into(), parse: parse::<T> }
+        let make_schema = || SchemaSettings::draft07().into_generator().into_root_schema_for::<T>().into();
+        Self { name: T::KIND, version: T::VERSION, results: T::RESULTS, schema: OnceLock::new(), make_schema, parse: parse::<T> }
+    }
+
+    /// JSON Schema (draft-07) of its parameters, with references resolved by `definitions`.
+    pub fn schema(&self) -> &Json {
+        self.schema.get_or_init(self.make_schema)
     }
 
     /// Reads a parameter block.
@@ -59,7 +71,11 @@ fn parse<T: Stage>(parameters: serde_yaml::Value) -> Result<Box<dyn AnyStage>, P
 pub struct Registry {
     kinds: Catalogue<Kind>,
     artifacts: Catalogue<ArtifactKind>,
+    dialects: Vec<(&'static str, Dialect)>,
 }
+
+/// Reads the text of a file, of that index, as the tree that the same would be in YAML; `None` after a finding.
+pub type Dialect = fn(u32, &str, &mut Findings) -> Option<Node>;
 
 impl Registry {
     /// Adds a stage kind.
@@ -74,6 +90,20 @@ impl Registry {
     pub fn with_artifact<T: Artifact>(mut self) -> Self {
         self.artifacts.add(T::TYPE, ArtifactKind::of::<T>());
         self
+    }
+
+    /// Adds another language than YAML for sections that stand in files whose names end so.
+    #[must_use]
+    pub fn with_dialect(mut self, extension: &'static str, dialect: Dialect) -> Self {
+        self.dialects.push((extension, dialect));
+        self
+    }
+
+    /// What reads a section in a file of that name: by its extension, else YAML.
+    pub fn dialect(&self, path: &Path) -> Dialect {
+        let extension = path.extension().and_then(OsStr::to_str).unwrap_or("");
+        let found = self.dialects.iter().find(|(known, _)| known.eq_ignore_ascii_case(extension));
+        found.map_or(yaml::parse, |(_, dialect)| *dialect)
     }
 
     /// The stage kinds.

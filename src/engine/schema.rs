@@ -5,9 +5,10 @@
 //! Knows no kind.
 
 use std::cell::RefCell;
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
 
@@ -128,9 +129,9 @@ impl fmt::Display for FieldPath {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Role {
     /// A reference to one result; the types it takes.
-    Port(Vec<String>),
+    Port(Arc<[String]>),
     /// References to any number of results; the types it takes.
-    Ports(Vec<String>),
+    Ports(Arc<[String]>),
     /// A file that is read.
     File,
     /// The seed of a stage that draws.
@@ -173,7 +174,7 @@ pub struct Rules<'s> {
     kind: &'s str,
     root: &'s Json,
     /// By address of the part; the schema outlives this.
-    facts: RefCell<HashMap<*const Json, Rc<Facts<'s>>>>,
+    facts: RefCell<BTreeMap<*const Json, Rc<Facts<'s>>>>,
 }
 
 /// What a check asks of one part of a schema.
@@ -182,7 +183,7 @@ struct Facts<'s> {
     schema: &'s Json,
     role: Option<Role>,
     /// See [`alternatives`].
-    alternatives: Vec<&'s Json>,
+    alternatives: Rc<[&'s Json]>,
     words: Vec<&'s str>,
     types: Vec<&'s str>,
 }
@@ -210,6 +211,17 @@ impl<'s> Rules<'s> {
         walker.checked
     }
 
+    /// The schema of a whole block.
+    pub fn root(&self) -> &'s Json {
+        self.root
+    }
+
+    /// A part of the schema as [`resolved`] gives it, and its [`alternatives`].
+    pub fn shape(&self, schema: &'s Json) -> (&'s Json, Rc<[&'s Json]>) {
+        let facts = self.facts(schema);
+        (facts.schema, facts.alternatives.clone())
+    }
+
     fn facts(&self, schema: &'s Json) -> Rc<Facts<'s>> {
         let address: *const Json = schema;
         if let Some(facts) = self.facts.borrow().get(&address) {
@@ -219,7 +231,7 @@ impl<'s> Rules<'s> {
         let facts = Rc::new(Facts {
             schema: resolved,
             role: role_of(self.root, resolved),
-            alternatives: alternatives(self.root, resolved),
+            alternatives: alternatives(self.root, resolved).into(),
             words: words(resolved),
             types: types(resolved),
         });

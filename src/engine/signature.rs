@@ -8,6 +8,7 @@
 
 use std::collections::HashMap;
 use std::fs::{File, Metadata};
+use std::hash::{Hash, Hasher};
 use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
@@ -21,7 +22,7 @@ use super::store::library::Library;
 use super::system::SystemError;
 
 /// What the file system says of a file's identity and its last change.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "SignatureFields", into = "SignatureFields")]
 pub struct Signature {
     device: u64,
@@ -31,6 +32,13 @@ pub struct Signature {
     modified: i64,
     /// Nanoseconds since 1970.
     changed: i64,
+}
+
+impl Hash for Signature {
+    /// What tells signatures apart where there are many.
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        (self.inode, self.changed).hash(hasher);
+    }
 }
 
 /// Device, inode, size, modified, changed.

@@ -104,6 +104,11 @@ impl Findings {
         findings.into_iter().for_each(|finding| self.add(finding));
     }
 
+    /// All of them, as they came.
+    pub fn list(&self) -> &[Finding] {
+        &self.list
+    }
+
     /// How many errors there are.
     pub fn error_count(&self) -> usize {
         self.error_count

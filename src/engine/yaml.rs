@@ -140,7 +140,38 @@ struct Open {
 
 enum OpenContent {
     List(Vec<Node>),
-    Map { entries: Vec<(Entry, u64)>, index: HashMap<Arc<str>, usize>, key: Option<Key>, merges: Vec<(Node, Place)> },
+    Map { entries: Entries, key: Option<Key>, merges: Vec<(Node, Place)> },
+}
+
+/// The entries of a map with their weights.
+#[derive(Default)]
+struct Entries {
+    list: Vec<(Entry, u64)>,
+    /// Where each key stands; empty while there are few, which are looked through.
+    places: HashMap<Arc<str>, usize>,
+}
+
+/// Up to so many keys are few.
+const FEW: usize = 16;
+
+impl Entries {
+    fn find(&self, key: &str) -> Option<&Entry> {
+        let place = match self.places.is_empty() {
+            true => self.list.iter().position(|(entry, _)| &*entry.key == key)?,
+            false => *self.places.get(key)?,
+        };
+        Some(&self.list[place].0)
+    }
+
+    /// Adds an entry whose key is new.
+    fn add(&mut self, entry: Entry, weight: u64) {
+        self.list.push((entry, weight));
+        if self.list.len() > FEW {
+            let first_unlisted = self.places.len();
+            let unlisted = self.list.iter().enumerate().skip(first_unlisted);
+            self.places.extend(unlisted.map(|(place, (entry, _))| (entry.key.clone(), place)));
+        }
+    }
 }
 
 /// A key that waits for its value.
@@ -218,7 +249,7 @@ impl Builder<'_> {
             }
             Event::MappingStart(anchor, tag) => {
                 self.collection_tag(tag.as_deref(), "map", place);
-                let content = OpenContent::Map { entries: Vec::new(), index: HashMap::new(), key: None, merges: Vec::new() };
+                let content = OpenContent::Map { entries: Entries::default(), key: None, merges: Vec::new() };
                 self.start(content, anchor, place)
             }
             Event::SequenceEnd | Event::MappingEnd => self.end(),
@@ -245,13 +276,13 @@ impl Builder<'_> {
         let open = self.open.pop().expect("the parser closes only what it has opened");
         let (value, weight) = match open.content {
             OpenContent::List(items) => (Value::List(items.into()), open.weight),
-            OpenContent::Map { entries, index, merges, .. } => self.merged(entries, index, merges),
+            OpenContent::Map { entries, merges, .. } => self.merged(entries, merges),
         };
         self.finished(Node::new(value, open.place), weight, open.anchor)
     }
 
     /// The own entries, then those of the merged maps whose keys are not there yet.
-    fn merged(&mut self, mut entries: Vec<(Entry, u64)>, mut index: HashMap<Arc<str>, usize>, merges: Vec<(Node, Place)>) -> (Value, u64) {
+    fn merged(&mut self, mut entries: Entries, merges: Vec<(Node, Place)>) -> (Value, u64) {
         for (source, place) in merges {
             let maps: Vec<Node> = source.list().map_or_else(|| vec![source.clone()], |items| items.to_vec());
             if maps.iter().any(|map| map.map().is_none()) {
@@ -260,14 +291,13 @@ impl Builder<'_> {
                 continue;
             }
             for merged in maps.iter().filter_map(Node::map).flat_map(|map| map.iter()) {
-                if !index.contains_key(&merged.key) {
-                    index.insert(merged.key.clone(), entries.len());
-                    entries.push((merged.clone(), weight_of(&merged.node)));
+                if entries.find(&merged.key).is_none() {
+                    entries.add(merged.clone(), weight_of(&merged.node));
                 }
             }
         }
-        let weight = 1 + entries.iter().map(|(_, weight)| weight).sum::<u64>();
-        (Value::Map(entries.into_iter().map(|(entry, _)| entry).collect()), weight)
+        let weight = 1 + entries.list.iter().map(|(_, weight)| weight).sum::<u64>();
+        (Value::Map(entries.list.into_iter().map(|(entry, _)| entry).collect()), weight)
     }
 
     fn scalar(&mut self, text: &str, style: ScalarStyle, anchor: usize, tag: Option<&Tag>, place: Place) -> Result<Option<Node>, Fatal> {
@@ -289,11 +319,11 @@ impl Builder<'_> {
         if anchor > 0 {
             self.anchors.insert(anchor, (Node::new(Value::Text(text.into()), place), 1));
         }
-        let OpenContent::Map { index, entries, key, merges } = &mut self.open.last_mut().expect("a key stands in a map").content else {
+        let OpenContent::Map { entries, key, merges } = &mut self.open.last_mut().expect("a key stands in a map").content else {
             unreachable!("only a map expects a key");
         };
         let is_merge = text == "<<" && style == ScalarStyle::Plain;
-        let first = if is_merge { merges.first().map(|merge| merge.1) } else { index.get(text).map(|index| entries[*index].0.place) };
+        let first = if is_merge { merges.first().map(|merge| merge.1) } else { entries.find(text).map(|entry| entry.place) };
         if let Some(first) = first {
             let message = format!("key {} stands twice; it stands in line {} already", quoted(text), first.line);
             self.findings.add(Finding::error(place, message));
@@ -328,12 +358,9 @@ impl Builder<'_> {
         parent.weight = parent.weight.saturating_add(weight);
         match &mut parent.content {
             OpenContent::List(items) => items.push(node),
-            OpenContent::Map { entries, index, key, merges } => match key.take() {
+            OpenContent::Map { entries, key, merges } => match key.take() {
                 Some(Key::Merge(place)) => merges.push((node, place)),
-                Some(Key::Word(word, place)) if !index.contains_key(&word) => {
-                    index.insert(word.clone(), entries.len());
-                    entries.push((Entry { key: word, place, node }, weight));
-                }
+                Some(Key::Word(word, place)) if entries.find(&word).is_none() => entries.add(Entry { key: word, place, node }, weight),
                 _ => {}
             },
         }

@@ -79,19 +79,14 @@ fn parts(outline: &[u8]) -> Vec<u16> {
     const MATRIX: usize = 0x80;
     let mut parts = Vec::new();
     let is_composite = outline.first().is_some_and(|count| *count >= 0x80);
-    let mut at = 10;
-    while is_composite {
+    let mut next = is_composite.then_some(10);
+    while let Some(at) = next {
         let flags = number16(outline, at);
         parts.push(number16(outline, at + 2) as u16);
-        at += if flags & WORDS != 0 { 8 } else { 6 };
-        at += [(ONE_SCALE, 2), (TWO_SCALES, 4), (MATRIX, 8)]
-            .iter()
-            .filter(|(flag, _)| flags & flag != 0)
-            .map(|(_, size)| size)
-            .sum::<usize>();
-        if flags & MORE == 0 {
-            break;
-        }
+        let place = if flags & WORDS != 0 { 8 } else { 6 };
+        let scale: usize =
+            [(ONE_SCALE, 2), (TWO_SCALES, 4), (MATRIX, 8)].iter().filter(|(flag, _)| flags & flag != 0).map(|(_, size)| size).sum();
+        next = (flags & MORE != 0).then_some(at + place + scale);
     }
     parts
 }

@@ -54,6 +54,7 @@ impl Raster {
     }
 
     /// The pixel in column `x` of row `y`.
+    #[inline]
     pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
         self.pixels[y * self.width + x]
     }

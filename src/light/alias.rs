@@ -2,7 +2,8 @@
 //!
 //! A uniform number chooses one of n equal boxes; its fraction decides whether the box's own item or the one that
 //! shares the box is meant, and is stretched again, so that nothing of the point is wasted. A bucket is a 32-bit
-//! float and an index: eight bytes a pixel, one place in memory a draw. The price is that items that share a box
+//! float and an index, and beside it stand the intensities of the two pixels that it may lead to: sixteen bytes a pixel, one
+//! place in memory a draw, the probability included. The price is that items that share a box
 //! are no neighbors, so points that are well spread are less so afterwards.
 //!
 //! A threshold keeps its 24 digits however small it is, and an item below the average gets its mass from its own box
@@ -24,65 +25,113 @@ struct Bucket {
     alias: u32,
 }
 
+/// A box of a row of pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Column {
+    bucket: Bucket,
+    /// Intensity of the pixel of the box's own index, and of the other.
+    intensities: [f32; 2],
+}
+
 /// Alias tables of the rows of a distribution and of the columns of each row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AliasTables {
     width: usize,
     rows: Vec<Bucket>,
-    columns: Vec<Bucket>,
+    columns: Vec<Column>,
+}
+
+/// Where a point leads.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Found {
+    /// Column.
+    pub x: usize,
+    /// Row.
+    pub y: usize,
+    /// Intensity of the pixel.
+    pub intensity: f32,
+    /// Where in the pixel's share the point lies, on [0, 1)².
+    pub inside: [f64; 2],
 }
 
 /// The largest number below 1.
 const BELOW_ONE: f64 = 1.0 - f64::EPSILON / 2.0;
 
-/// An item and where in its share the number lies.
-pub type Found = (usize, f64);
-
 impl AliasTables {
     /// The tables of a distribution; each row is one worker's. `check` is asked for each row.
     pub fn new<E: Send>(distribution: &Distribution, check: impl Fn() -> Result<(), E> + Sync) -> Result<Self, E> {
         let (width, height) = (distribution.width(), distribution.height());
-        let mut columns = vec![Bucket { threshold: 1.0, alias: 0 }; width * height];
-        columns.par_chunks_mut(width).enumerate().try_for_each(|(y, buckets)| {
+        let mut columns = vec![Column { bucket: WHOLE, intensities: [0.0; 2] }; width * height];
+        let spare = || vec![WHOLE; width];
+        columns.par_chunks_mut(width).enumerate().try_for_each_init(spare, |buckets, (y, columns)| {
             check()?;
             let intensities = &distribution.intensities()[y * width..(y + 1) * width];
             fill(buckets, intensities.iter().map(|&intensity| f64::from(intensity)));
+            for (x, (column, bucket)) in columns.iter_mut().zip(buckets.iter()).enumerate() {
+                *column = Column { bucket: *bucket, intensities: [intensities[x], intensities[bucket.alias as usize]] };
+            }
             Ok(())
         })?;
-        let mut rows = vec![Bucket { threshold: 1.0, alias: 0 }; height];
+        let mut rows = vec![WHOLE; height];
         fill(&mut rows, (0..height).map(|y| distribution.row_weight(y)));
         Ok(Self { width, rows, columns })
     }
 
-    /// The row that `u` in [0, 1) chooses.
+    /// The pixels of points of [0, 1)²: the second coordinate chooses the row.
+    ///
+    /// Every step is a loop of its own over all points: the one that reads the table, which is larger than a cache, does nothing
+    /// else, so that all its reads are on their way at once.
     #[inline]
-    pub fn row(&self, u: f64) -> Found {
-        find(&self.rows, u)
-    }
-
-    /// The column of row `y` that `u` in [0, 1) chooses.
-    #[inline]
-    pub fn column(&self, y: usize, u: f64) -> Found {
-        find(&self.columns[y * self.width..(y + 1) * self.width], u)
+    pub fn find_all<const N: usize>(&self, points: &[[f64; 2]; N]) -> [Found; N] {
+        let mut found = [Found::default(); N];
+        let mut boxes = [(0, 0.0); N];
+        for ((found, place), point) in found.iter_mut().zip(&mut boxes).zip(points) {
+            let (row, fraction) = boxed(point[1], self.rows.len());
+            let (is_own, inside) = self.rows[row].choice(fraction);
+            found.y = if is_own { row } else { self.rows[row].alias as usize };
+            found.inside[1] = inside;
+            *place = boxed(point[0], self.width);
+        }
+        let mut columns = [Column { bucket: WHOLE, intensities: [0.0; 2] }; N];
+        for ((column, found), (index, _)) in columns.iter_mut().zip(&found).zip(&boxes) {
+            *column = self.columns[found.y * self.width + index];
+        }
+        for ((found, Column { bucket, intensities }), (index, fraction)) in found.iter_mut().zip(columns).zip(boxes) {
+            let (is_own, inside) = bucket.choice(fraction);
+            found.x = if is_own { index } else { bucket.alias as usize };
+            found.intensity = if is_own { intensities[0] } else { intensities[1] };
+            found.inside[0] = inside;
+        }
+        found
     }
 
     /// Bytes it holds in memory.
     pub fn memory(&self) -> u64 {
-        ((self.rows.len() + self.columns.len()) * size_of::<Bucket>()) as u64
+        (self.rows.len() * size_of::<Bucket>() + self.columns.len() * size_of::<Column>()) as u64
     }
 }
 
+/// A box that belongs to its own item alone.
+const WHOLE: Bucket = Bucket { threshold: 1.0, alias: 0 };
+
+impl Bucket {
+    /// Whether a fraction of the box belongs to its own item, and where in its owner's share it lies.
+    #[inline]
+    fn choice(self, fraction: f64) -> (bool, f64) {
+        let threshold = f64::from(self.threshold);
+        // Selections, not branches: which way it goes cannot be predicted.
+        let is_own = fraction < threshold;
+        let (start, length) = if is_own { (0.0, threshold) } else { (threshold, 1.0 - threshold) };
+        (is_own, ((fraction - start) / length).min(BELOW_ONE))
+    }
+}
+
+/// The box of `count` that `u` in [0, 1) falls into, and the fraction that is left.
 #[inline]
-fn find(buckets: &[Bucket], u: f64) -> Found {
-    let scaled = u * buckets.len() as f64;
-    let index = (scaled as usize).min(buckets.len() - 1);
-    let fraction = (scaled - index as f64).min(BELOW_ONE);
-    let Bucket { threshold, alias } = buckets[index];
-    let threshold = f64::from(threshold);
-    // Selections, not branches: which way it goes cannot be predicted.
-    let is_own = fraction < threshold;
-    let (start, length) = if is_own { (0.0, threshold) } else { (threshold, 1.0 - threshold) };
-    (if is_own { index } else { alias as usize }, ((fraction - start) / length).min(BELOW_ONE))
+fn boxed(u: f64, count: usize) -> (usize, f64) {
+    let scaled = u * count as f64;
+    let index = (scaled as usize).min(count - 1);
+    (index, (scaled - index as f64).min(BELOW_ONE))
 }
 
 /// Fills the buckets for these weights, at least 0; without any weight all are equal.
@@ -123,6 +172,13 @@ mod tests {
     use crate::light::distribution::Settings;
     use crate::light::test_maps::noisy;
     use crate::math::stream::{Purpose, Stream};
+
+    /// The item that `u` chooses, and where in its share it lies.
+    fn find(buckets: &[Bucket], u: f64) -> (usize, f64) {
+        let (index, fraction) = boxed(u, buckets.len());
+        let (is_own, place) = buckets[index].choice(fraction);
+        (if is_own { index } else { buckets[index].alias as usize }, place)
+    }
 
     fn filled(weights: &[f64]) -> Vec<Bucket> {
         let mut buckets = vec![Bucket { threshold: 0.0, alias: 0 }; weights.len()];
@@ -203,13 +259,18 @@ mod tests {
         let aliases = AliasTables::new(&table, || Ok::<(), Infallible>(())).unwrap();
         let rows = realized(&aliases.rows);
         for (y, row) in rows.iter().enumerate() {
-            let columns = realized(&aliases.columns[y * 37..(y + 1) * 37]);
+            let of_row = &aliases.columns[y * 37..(y + 1) * 37];
+            let columns = realized(&of_row.iter().map(|column| column.bucket).collect::<Vec<_>>());
             for (x, column) in columns.iter().enumerate() {
                 let (found, expected) = (row * column, table.pmf(x, y));
                 assert!((found - expected).abs() <= 4e-7 * expected, "({x}, {y}): {found} {expected}");
             }
         }
-        assert!(aliases.memory() == (37 * 9 + 9) * 8);
+        assert!(aliases.memory() == 37 * 9 * 16 + 9 * 8);
+        let points: [[f64; 2]; 64] = std::array::from_fn(|k| Stream::new(3, Purpose::Test).generator(k as u64).uniform_pair());
+        for found in aliases.find_all(&points) {
+            assert_eq!(found.intensity, table.intensities()[found.y * 37 + found.x]);
+        }
         assert!(AliasTables::new(&table, || Err("stop")).is_err());
     }
 }

@@ -396,6 +396,7 @@ impl Distribution {
     }
 
     /// Sum of all weights: intensity times the factor of its row.
+    #[inline]
     pub fn total(&self) -> f64 {
         self.cumulative[self.height - 1]
     }
@@ -441,6 +442,7 @@ impl Distribution {
     }
 
     /// Sum of the weights of row `y`.
+    #[inline]
     pub fn row_weight(&self, y: usize) -> f64 {
         self.factors[y] * self.row_sums[y]
     }
@@ -483,8 +485,15 @@ impl Distribution {
     }
 
     /// Probability of the pixel in column `x` of row `y`.
+    #[inline]
     pub fn pmf(&self, x: usize, y: usize) -> f64 {
-        f64::from(self.intensities[y * self.width + x]) * self.scales[y]
+        self.pmf_of_intensity(self.intensities[y * self.width + x], y)
+    }
+
+    /// Probability of a pixel of row `y` that has that intensity.
+    #[inline]
+    pub(in crate::light) fn pmf_of_intensity(&self, intensity: f32, y: usize) -> f64 {
+        f64::from(intensity) * self.scales[y]
     }
 
     /// Density of the pixel in column `x` of row `y` per steradian: its probability over its solid angle.
@@ -565,6 +574,7 @@ impl Distribution {
     }
 
     /// Sum of the intensities of row `y` left of column `x`, added as the search adds them.
+    #[inline]
     fn sum_before(&self, x: usize, y: usize) -> f64 {
         let block = x / BLOCK;
         let within = &self.row(y)[block * BLOCK..x];
@@ -577,6 +587,7 @@ impl Distribution {
     }
 
     /// The row j with C(j-1) <= u < C(j) for u in [0, 1); the last reachable one for any u beyond.
+    #[inline]
     pub fn row_at(&self, u: f64) -> usize {
         let target = u * self.total();
         let mut y = self.row_guides[guide_index(u, self.row_guides.len())] as usize;
@@ -597,22 +608,26 @@ impl Distribution {
         if place < BLOCK { block * BLOCK + place } else { self.last_pixel_up_to(y, block).x as usize }
     }
 
+    #[inline]
     fn block_count(&self) -> usize {
         self.width.div_ceil(BLOCK)
     }
 
     /// The block from which the search for `u` in row `y` starts; never beyond the one it ends at.
+    #[inline]
     fn guided_block(&self, y: usize, u: f64) -> usize {
         let guide_count = self.block_count().next_power_of_two();
         self.block_guides[y * guide_count + guide_index(u, guide_count)] as usize
     }
 
     /// Sum of the intensities of row `y` up to and with that block; infinite at the last, where the search ends.
+    #[inline]
     fn sum_after(&self, y: usize, block: usize) -> f64 {
         if block + 1 < self.block_count() { self.block_sums[y * self.block_count() + block + 1] } else { f64::INFINITY }
     }
 
     /// The block that `u` chooses, at or after `block`, with `sum` after which `sum_after` gives.
+    #[inline]
     fn block_from(&self, y: usize, mut block: usize, sum: f64, u: f64) -> usize {
         let target = u * self.row_sums[y];
         if sum > target {
@@ -626,19 +641,22 @@ impl Distribution {
     }
 
     /// What is left of u times the sum of row `y` before that block.
+    #[inline]
     fn rest_in_block(&self, y: usize, block: usize, u: f64) -> f64 {
         u * self.row_sums[y] - self.block_sums[y * self.block_count() + block]
     }
 
     /// The intensities of a block; those beyond the end of the row are 0, and nothing is drawn there.
+    #[inline]
     fn block(&self, y: usize, block: usize) -> [f32; BLOCK] {
         let row = self.row(y);
         let rest = &row[block * BLOCK..];
         rest.first_chunk().copied().unwrap_or_else(|| std::array::from_fn(|k| rest.get(k).copied().unwrap_or(0.0)))
     }
 
+    #[inline]
     fn pixel(&self, x: usize, y: usize, intensity: f32) -> Pixel {
-        Pixel { x: x as u32, y: y as u32, pmf: f64::from(intensity) * self.scales[y] }
+        Pixel { x: x as u32, y: y as u32, pmf: self.pmf_of_intensity(intensity, y) }
     }
 
     /// The last reachable pixel up to the end of that block: where rounding has left a target at the very end.
@@ -649,6 +667,7 @@ impl Distribution {
         self.pixel(x, y, row[x])
     }
 
+    #[inline]
     fn row(&self, y: usize) -> &[f32] {
         &self.intensities[y * self.width..(y + 1) * self.width]
     }
@@ -727,11 +746,13 @@ fn fill_guides(guides: &mut [u32], total: f64, cumulative: impl Fn(usize) -> Opt
 }
 
 /// What rounding has put at or beyond the ends of [0, 1) back into it.
+#[inline]
 fn into_unit(place: f64) -> f64 {
     const BELOW_ONE: f64 = 1.0 - f64::EPSILON / 2.0;
     place.clamp(0.0, BELOW_ONE)
 }
 
+#[inline]
 fn guide_index(u: f64, guide_count: usize) -> usize {
     ((u * guide_count as f64) as usize).min(guide_count - 1)
 }
@@ -739,6 +760,7 @@ fn guide_index(u: f64, guide_count: usize) -> usize {
 /// Position of the first intensity at which the running sum exceeds `rest`; `BLOCK` if none does.
 ///
 /// Counts instead of leaving the loop: where it ends cannot be predicted, and a wrong guess costs more.
+#[inline]
 fn first_beyond(block: &[f32; BLOCK], rest: f64) -> usize {
     let mut sum = 0.0;
     let mut count = 0;

@@ -229,13 +229,16 @@ impl<'a> Sampler<'a> {
             return self.samples(points).map(lit);
         }
         let placed = self.warp.place_all(points);
+        let mut all = [Lit { direction: DVec3::ZERO, radiance: [0.0; 3], pdf: 0.0 }; N];
         // Apart from the arithmetic, so that all reads are on their way at once.
-        let radiances: [[f32; 3]; N] = std::array::from_fn(|k| pixel(placed[k].pixel.x, placed[k].pixel.y));
-        std::array::from_fn(|k| {
-            let Placed { pixel, inside } = placed[k];
-            let pdf = pixel.pmf * self.directions.densities[pixel.y as usize];
-            Lit { direction: self.directions.within(pixel, inside), radiance: radiances[k], pdf }
-        })
+        for (lit, placed) in all.iter_mut().zip(&placed) {
+            lit.radiance = pixel(placed.pixel.x, placed.pixel.y);
+        }
+        for (lit, Placed { pixel, inside }) in all.iter_mut().zip(placed) {
+            lit.pdf = pixel.pmf * self.directions.densities[pixel.y as usize];
+            lit.direction = self.directions.within(pixel, inside);
+        }
+        all
     }
 
     /// Density per steradian with which a unit direction is drawn; the same function as that of the samples.

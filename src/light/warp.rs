@@ -3,7 +3,7 @@
 //! All but `Nearest` realize the probabilities of the distribution; they differ in speed, memory, and in what becomes of
 //! points that are well spread. Each gives the place within the pixel as well.
 
-use crate::light::alias::AliasTables;
+use crate::light::alias::{AliasTables, Found};
 use crate::light::distribution::{Distribution, Pixel, Placed};
 use crate::light::hierarchical::Hierarchy;
 use crate::light::nearest;
@@ -13,7 +13,7 @@ use crate::light::nearest;
 pub enum WarpKind {
     /// Row, then column, by inverting cumulative probabilities: well-spread points stay so along rows. No memory beside the distribution's.
     Marginal,
-    /// Row, then column, by alias tables: constant time, eight bytes a pixel; well-spread points lose most of their order.
+    /// Row, then column, by alias tables: constant time, sixteen bytes a pixel; well-spread points lose most of their order.
     Alias,
     /// Halving down a pyramid of sums: neighbors stay neighbors in both directions; three bytes a pixel.
     Hierarchical,
@@ -77,11 +77,10 @@ impl<'a> Warp<'a> {
         let distribution = self.distribution;
         match &self.table {
             Table::Marginal => distribution.place_all(points),
-            Table::Alias(tables) => {
-                let rows: [(usize, f64); N] = std::array::from_fn(|k| tables.row(points[k][1]));
-                let columns: [(usize, f64); N] = std::array::from_fn(|k| tables.column(rows[k].0, points[k][0]));
-                std::array::from_fn(|k| self.placed(columns[k].0, rows[k].0, [columns[k].1, rows[k].1]))
-            }
+            Table::Alias(tables) => tables.find_all(points).map(|Found { x, y, intensity, inside }| {
+                let pmf = distribution.pmf_of_intensity(intensity, y);
+                Placed { pixel: Pixel { x: x as u32, y: y as u32, pmf }, inside }
+            }),
             Table::Hierarchical(hierarchy) => std::array::from_fn(|k| {
                 let cell = hierarchy.find(points[k], |x, y| distribution.weight(x, y));
                 self.placed(cell.x, cell.y, cell.inside)
@@ -95,6 +94,7 @@ impl<'a> Warp<'a> {
         }
     }
 
+    #[inline]
     fn placed(&self, x: usize, y: usize, inside: [f64; 2]) -> Placed {
         Placed { pixel: Pixel { x: x as u32, y: y as u32, pmf: self.distribution.pmf(x, y) }, inside }
     }
@@ -112,7 +112,7 @@ impl<'a> Warp<'a> {
 /// Bytes a pixel that a warp needs beside the distribution, at most, but for its rows.
 pub fn memory_per_pixel(kind: WarpKind) -> u64 {
     match kind {
-        WarpKind::Alias => 8,
+        WarpKind::Alias => 16,
         WarpKind::Hierarchical => 3,
         WarpKind::Marginal | WarpKind::Nearest { .. } => 0,
     }

@@ -60,6 +60,11 @@ pub fn ln(x: f64) -> f64 {
     libm::log(x)
 }
 
+/// e to the power x, less 1: keeps its digits near 0.
+pub fn exp_m1(x: f64) -> f64 {
+    libm::expm1(x)
+}
+
 /// Natural logarithm of 1 + x, right for small x.
 pub fn ln_1p(x: f64) -> f64 {
     libm::log1p(x)

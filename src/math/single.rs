@@ -82,9 +82,9 @@ pub fn exp(x: f32) -> f32 {
 #[inline]
 pub fn sin_cos_of_turns(turns: f32) -> (f32, f32) {
     let quarters = 4.0 * turns;
-    let quarter = (quarters + 0.5).floor();
-    let (sine, cosine) = sin_cos_of_eighth(FRAC_PI_2 * (quarters - quarter));
-    let quadrant = quarter as u32;
+    // Rounding down of what is positive, without the call that `floor` is where the machine has no instruction for it.
+    let quadrant = (quarters + 0.5) as i32;
+    let (sine, cosine) = sin_cos_of_eighth(FRAC_PI_2 * (quarters - quadrant as f32));
     let (along, across) = if quadrant & 1 == 0 { (sine, cosine) } else { (cosine, sine) };
     // Sine is negative in the third and the fourth quarter, cosine in the second and the third.
     (if quadrant & 2 == 0 { along } else { -along }, if (quadrant + 1) & 2 == 0 { across } else { -across })

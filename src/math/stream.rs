@@ -45,6 +45,7 @@ impl Stream {
     }
 
     /// The numbers of the item of that index (a sample, a pixel).
+    #[inline]
     pub fn generator(&self, index: u64) -> Generator {
         // The index goes through state and stream, so that neighbors do not start on correlated points.
         let state = self.state ^ u128::from(mixed(index ^ 0x9e37_79b9_7f4a_7c15));
@@ -58,16 +59,19 @@ pub struct Generator(Pcg64);
 
 impl Generator {
     /// Uniform on [0, 1), a multiple of 2^-53.
+    #[inline]
     pub fn uniform(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
     }
 
     /// Two uniform numbers.
+    #[inline]
     pub fn uniform_pair(&mut self) -> [f64; 2] {
         [self.uniform(), self.uniform()]
     }
 
     /// 64 random bits.
+    #[inline]
     pub fn bits(&mut self) -> u64 {
         self.0.next_u64()
     }

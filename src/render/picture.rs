@@ -153,6 +153,7 @@ impl Line<'_> {
         let ray = scene.camera.ray(position, lens);
         match &scene.integrator {
             Integrator::Path(transporter) => transporter.radiance(scene, ray, numbers),
+            Integrator::VolumePath(transporter) => transporter.radiance_through_media(scene, ray, numbers),
             Integrator::Normals => {
                 let first: FirstHit = Transporter::EMITTERS_ALONE.radiance(scene, ray, numbers).1;
                 (normals::color(&first), first)

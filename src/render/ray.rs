@@ -26,6 +26,14 @@ impl Ray {
         Self { origin, direction, reach: f32::INFINITY }
     }
 
+    /// A ray that ends just before `target`, for questions of visibility; `None` where that is the origin itself.
+    pub fn to(origin: Vec3, target: Vec3) -> Option<Self> {
+        let way = target - origin;
+        let distance = way.length();
+        let direction = way / distance;
+        direction.is_finite().then_some(Self { origin, direction, reach: SHADOW_PART * distance })
+    }
+
     /// The point at that distance.
     pub fn at(&self, distance: f32) -> Vec3 {
         self.origin + self.direction * distance
@@ -79,11 +87,7 @@ impl Surface {
     ///
     /// `None` where the target is this very point.
     pub fn spawn_to(&self, target: Vec3) -> Option<Ray> {
-        let origin = self.origin_towards(target - self.position);
-        let way = target - origin;
-        let distance = way.length();
-        let direction = way / distance;
-        direction.is_finite().then_some(Ray { origin, direction, reach: SHADOW_PART * distance })
+        Ray::to(self.origin_towards(target - self.position), target)
     }
 
     /// This position, moved to that side of the surface to which `direction` points.

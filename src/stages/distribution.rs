@@ -131,7 +131,8 @@ mod tests {
 
     #[test]
     fn a_clamp_must_be_above_zero() {
-        let schema = Kind::of::<DistributionStage>().schema;
+        let kind = Kind::of::<DistributionStage>();
+        let schema = kind.schema();
         assert_eq!(schema["properties"]["clamp"]["exclusiveMinimum"], 0);
         assert!(serde_yaml::from_str::<DistributionStage>("{ of: env, sinus: center }").is_err());
     }

@@ -661,7 +661,8 @@ mod tests {
         Stage::decide_type(&mut stage, "image");
         assert_eq!(stage.result_types(&Default::default()), [["image"]]);
         assert_eq!(serde_json::to_value(&stage).unwrap()["as"], "image");
-        let properties = &crate::engine::registry::Kind::of::<Load>().schema["properties"];
+        let kind = crate::engine::registry::Kind::of::<Load>();
+        let properties = &kind.schema()["properties"];
         assert!(properties["as"].is_object() && properties["clamp"]["exclusiveMinimum"] == 0, "{properties}");
     }
 }

@@ -29,6 +29,7 @@ pub mod relight;
 pub mod render;
 pub mod rotate;
 pub mod sample;
+pub mod scene_xml;
 pub mod synthesize;
 pub mod table;
 pub mod tone_map;
@@ -77,6 +78,7 @@ pub fn registry() -> Registry {
         .with::<reach::ReachStage>()
         .with::<plot::Plot>()
         .with::<grid::Grid>()
+        .with_dialect("xml", scene_xml::read)
         .with_artifact::<EnvMap>()
         .with_artifact::<Image>()
         .with_artifact::<Picture>()

@@ -455,7 +455,11 @@ impl Relight {
     fn shaded(&self, env: Option<Arc<EnvMap>>, lobe: Lobe, job: &Job<'_>) -> Result<Image, StageError> {
         let (size, albedo) = (self.points(), self.rgb());
         match (self.estimator, job.optional_input(&self.with)?) {
-            (Some(Estimator::Exact), _) => self.summed(&*given(env)?, &Integrand::radiance(), lobe, job),
+            (Some(Estimator::Exact), _) => {
+                let env = given(env)?;
+                warn_of_narrow_lobe(&env, lobe, job);
+                self.summed(&env, &Integrand::radiance(), lobe, job)
+            }
             (Some(Estimator::Sh9), _) => Coefficients::of(&*given(env)?, || job.check())?.relight(size, albedo, || job.check()),
             (Some(Estimator::LobeWeighted), _) => self.drawn(&*given(env)?, None, lobe, job),
             (None | Some(Estimator::Lights), Some(Source::Illumination(Illumination::Lights(lights)))) => match lobe {
@@ -656,6 +660,19 @@ impl Relight {
 fn check_distribution(distribution: &Distribution, env: &EnvMap) -> Result<(), RelightError> {
     let (drawn, map) = ([distribution.width(), distribution.height()], [env.width(), env.height()]);
     if drawn == map { Ok(()) } else { Err(RelightError::OtherDistribution { drawn, map }) }
+}
+
+/// Relative error that is worth a word.
+const NOTABLE_ERROR: f64 = 0.01;
+
+fn warn_of_narrow_lobe(env: &EnvMap, lobe: Lobe, job: &Job<'_>) {
+    let error = reflected::error_of_centers(env, lobe);
+    if lobe != Lobe::Diffuse && error > NOTABLE_ERROR {
+        let percent = 100.0 * error;
+        job.warn(format!(
+            "the lobe is narrow beside a pixel of the map: the sum over pixel centers errs by up to {percent:.0} % of a bright pixel's light; load a map of more pixels"
+        ));
+    }
 }
 
 fn warn_of_skipped(count: usize, job: &Job<'_>) {

@@ -19,6 +19,7 @@ use crate::image::raster::Image;
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
 use crate::render::film::sums::{Block, Film, Window};
+use crate::render::medium::grid::Voxels;
 use crate::render::mesh::{Mesh, read};
 use crate::render::picture::{self, Request};
 use crate::render::scene::compiled::{Library, Scene, SceneError, Surroundings};
@@ -62,7 +63,7 @@ pub struct Render {
     /// Pictures that textures name by `bitmap: { of: NAME }`, so that they can come from other stages.
     #[serde(default)]
     pub textures: BTreeMap<String, Port<Shown>>,
-    /// The scene: its parameters, or the path of a YAML file that holds them.
+    /// The scene: its parameters, or the path of a file that holds them: YAML, or a scene of Mitsuba 3 or Nori (`.xml`).
     pub scene: Section<SceneDescription>,
     /// Another seed gives another, equally good picture; by default the pipeline's.
     #[serde(default)]
@@ -71,7 +72,7 @@ pub struct Render {
 
 impl Stage for Render {
     const KIND: &'static str = "render";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const RESULTS: &'static [ResultDeclaration] =
         &[ResultDeclaration { name: "", types: &["image"] }, ResultDeclaration { name: "film", types: &["film"] }];
     type Output = (Image, Film);
@@ -254,6 +255,11 @@ impl Library for Files<'_, '_> {
                 })
             }
         }
+    }
+
+    fn voxels(&mut self, SceneFile(path): &SceneFile) -> Result<Voxels, StageError> {
+        let bytes = self.job.read(&InputFile(path.clone()))?;
+        Voxels::read(&bytes).map_err(|error| StageError::content(format!("`{}`: {error}", path.display())))
     }
 }
 

@@ -381,7 +381,8 @@ mod tests {
 
     #[test]
     fn a_count_of_zero_or_over_a_hundred_million_is_outside_the_schema() {
-        let schema = Kind::of::<SampleStage>().schema;
+        let kind = Kind::of::<SampleStage>();
+        let schema = kind.schema();
         let count = &schema["properties"]["count"];
         assert_eq!((count["minimum"].as_u64(), count["maximum"].as_u64()), (Some(1), Some(100_000_000)), "{count}");
         assert!(serde_yaml::from_str::<SampleStage>("{ of: dist, count: 0 }").is_err());

@@ -21,7 +21,7 @@ use crate::stages::layouts::View;
 /// in a warning. `wrap` is the way back.
 ///
 /// ```yaml
-/// env: { unwrap: { of: ball, layout: mirror-ball, height: 512 }, save: exr }
+/// from-ball: { unwrap: { of: ball, layout: mirror-ball, height: 512 }, save: exr }
 /// ```
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -6,6 +6,7 @@
 mod bsdf;
 mod estimators;
 mod lights;
+mod media;
 mod render;
 mod sampling;
 mod shapes;

@@ -19,10 +19,10 @@ use pipeline::render::picture::{self, Request};
 use pipeline::render::scene::SceneDescription;
 use pipeline::render::scene::compiled::{NoLibrary, Scene, Surroundings};
 
-const SEEDS: u64 = 16;
+pub const SEEDS: u64 = 16;
 
 /// Dim noise with two small windows a thousand times brighter: what a compensated density is made for.
-fn windows(width: usize, height: usize) -> EnvMap {
+pub fn windows(width: usize, height: usize) -> EnvMap {
     let stream = Stream::new(21, Purpose::Test);
     let pixel = |index: usize| {
         let [u, v] = [(index % width) as f64 / width as f64, (index / width) as f64 / height as f64];
@@ -39,7 +39,7 @@ fn description(text: &str) -> SceneDescription {
 }
 
 /// Pixels of a render; no sample may have been refused.
-fn pixels(text: &str, env: Option<&EnvMap>, seed: u64) -> Vec<[f64; 3]> {
+pub fn pixels(text: &str, env: Option<&EnvMap>, seed: u64) -> Vec<[f64; 3]> {
     let description = description(text);
     assert_eq!(description.mistakes(), [], "{text}");
     let surroundings = Surroundings { env, lights: None, seed };
@@ -53,7 +53,7 @@ fn pixels(text: &str, env: Option<&EnvMap>, seed: u64) -> Vec<[f64; 3]> {
 }
 
 /// The same number of every seed's picture: all its channels, and their means over the picture last.
-fn by_seed(text: &str, env: Option<&EnvMap>) -> Vec<Vec<f64>> {
+pub fn by_seed(text: &str, env: Option<&EnvMap>) -> Vec<Vec<f64>> {
     (0..SEEDS)
         .map(|seed| {
             let pixels = pixels(text, env, seed + 1);
@@ -68,12 +68,12 @@ fn column(rows: &[Vec<f64>], index: usize) -> Vec<f64> {
 }
 
 /// Two-sided probability of a t at least as large in magnitude.
-fn p_value(t: f64, freedom: f64) -> f64 {
+pub fn p_value(t: f64, freedom: f64) -> f64 {
     2.0 * (1.0 - student_t_cdf(t.abs(), freedom))
 }
 
 /// Whether two sets of pictures have the same mean everywhere (Welch's test).
-fn assert_same_means(name: &str, a: &[Vec<f64>], b: &[Vec<f64>], comparisons: u32) {
+pub fn assert_same_means(name: &str, a: &[Vec<f64>], b: &[Vec<f64>], comparisons: u32) {
     let count = a[0].len();
     let level = sidak_level(1e-3, comparisons * count as u32);
     for index in 0..count {
@@ -108,11 +108,11 @@ emitters:
   - { directional: { towards: [1, 2, 1], irradiance: 0.7 } }
 ";
 
-fn still(sampler: &str, integrator: &str) -> String {
+pub fn still(sampler: &str, integrator: &str) -> String {
     STILL.replace("SAMPLER", sampler).replace("INTEGRATOR", integrator)
 }
 
-const MANY: &str = "{ independent: { samples_per_pixel: 1024 } }";
+pub const MANY: &str = "{ independent: { samples_per_pixel: 1024 } }";
 
 #[test]
 fn every_strategy_finds_the_same_light() {

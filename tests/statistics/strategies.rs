@@ -6,11 +6,14 @@
 
 use std::convert::Infallible;
 use std::f64::consts::PI;
+use std::num::NonZeroU32;
 
 use pipeline::formats;
 use pipeline::image::raster::Raster;
 use pipeline::light::distribution::{Distribution, Settings};
 use pipeline::light::envmap::EnvMap;
+use pipeline::light::lights::Light;
+use pipeline::light::median_cut::{self, MedianCutError, Place, Variant, median_cut};
 use pipeline::light::nearest;
 use pipeline::light::points::Arrangement;
 use pipeline::light::samples::Sample;
@@ -201,6 +204,34 @@ fn well_spread_points_help_through_every_warp() {
             assert!(scatter < at_most * plain, "{arrangement:?} {warp:?}: {} of independent points'", scatter / plain);
             // Pixel centers stand for pixels in the truth: a thousandth at this size.
             assert!((mean - truth).abs() < 4.0 * scatter / 8.0 + 1e-3 * truth, "{arrangement:?} {warp:?}: {mean} {truth}");
+        }
+    }
+}
+
+/// On every map the regions of every cut are the sphere, once, and the lights carry what the map shines.
+#[test]
+fn every_cut_covers_every_map_and_carries_its_light() {
+    let variants = [Variant::Debevec, Variant::Coursework2021, Variant::Variance];
+    let places = [Place::Center, Place::Centroid, Place::VectorMean, Place::Median];
+    for (name, map) in maps() {
+        let pixels = (0..map.width() * map.height()).map(|k| (map.raster.pixels()[k], map.solid_angle(k / map.width())));
+        let light: [f64; 3] = [0, 1, 2].map(|channel| pixels.clone().map(|(color, angle)| f64::from(color[channel]) * angle).sum());
+        for (variant, place) in variants.into_iter().flat_map(|variant| places.map(|place| (variant, place))) {
+            let settings = median_cut::Settings { place, ..median_cut::Settings::of(variant, NonZeroU32::new(100).unwrap()) };
+            let set = median_cut(&map, &settings, || Ok::<(), MedianCutError>(())).unwrap();
+            let mut covered = vec![0_u8; map.width() * map.height()];
+            for Light { region, .. } in &set.lights {
+                for y in region.y0..region.y1 {
+                    (region.x0..region.x1).for_each(|x| covered[y as usize * map.width() + x as usize] += 1);
+                }
+            }
+            assert!(covered.iter().all(|times| *times == 1), "{name} {variant:?} {place:?}");
+            assert_eq!(set.lights.len(), covered.len().min(100));
+            for (channel, light) in light.iter().enumerate() {
+                let sum: f64 = set.lights.iter().map(|light| light.irradiance[channel]).sum();
+                assert!((sum - light).abs() <= 1e-10 * light.abs(), "{name} {variant:?} {place:?}: {sum} of {light}");
+            }
+            assert!(set.lights.iter().all(|light| (light.direction.length() - 1.0).abs() < 1e-12), "{name} {variant:?} {place:?}");
         }
     }
 }

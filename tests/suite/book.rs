@@ -113,8 +113,7 @@ fn every_kind_has_an_example_that_is_right() {
 }
 
 /// Stages to which examples refer, under the names that the whole manual uses.
-const NEIGHBORS: &str = "\
-  env: { synthesize: { name: studio, width: 64 } }
+const NEIGHBORS: &str = "  env: { synthesize: { name: studio, width: 64 } }
   dist: { distribution: { of: env } }
   samples: { sample: { of: dist, count: $n } }
   repeated: { relight: { env: env, with: drawn, size: 31 } }

@@ -10,6 +10,7 @@ mod provenance;
 mod reasons;
 mod render_options;
 mod rendering;
+mod report;
 mod reuse;
 mod space;
 mod store;

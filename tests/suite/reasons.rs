@@ -163,7 +163,7 @@ fn a_value_of_an_axis_was_exchanged() {
     let space = ran();
     let plan = space.run(&["plan", "p.yaml", "-a", "n=4,9"]);
     plan.expect(0, &[]);
-    assert!(plan.stdout.contains("samples  1 of 2  run   parameter count 8 -> 9"), "{}", plan.stdout);
+    assert!(plan.stdout.contains("samples  1 of 2  2 n  run   parameter count 8 -> 9"), "{}", plan.stdout);
 }
 
 #[test]

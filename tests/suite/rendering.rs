@@ -109,6 +109,82 @@ fn more_samples_go_on_from_the_store_with_the_bytes_of_one_piece() {
     }
 }
 
+/// The same as `SCENE`, but for its name and the light.
+const XML: &str = r#"<scene version="3.0.0">
+<sensor type="perspective"><float name="fov" value="40"/>
+  <transform name="to_world"><lookat origin="0, 1, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+  <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="16"/><rfilter type="box"/></film>
+  <sampler type="ldsampler"><integer name="sample_count" value="4"/></sampler></sensor>
+<integrator type="path"><integer name="max_depth" value="4"/><integer name="rr_depth" value="4"/></integrator>
+<shape type="sphere"><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf></bsdf></shape>
+<shape type="obj"><string name="filename" value="pyramid.obj"/><transform name="to_world"><translate x="1.5"/></transform>
+  <bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
+</scene>
+"#;
+
+#[test]
+fn a_scene_of_mitsuba_renders_to_the_bytes_of_the_same_in_yaml() {
+    let (ours, theirs) = (still(), still());
+    theirs.pipeline(&PIPELINE.replace("still.yaml", "still.xml")).write("scenes/still.xml", XML);
+    ours.summary(&[]);
+    theirs.summary(&[]);
+    assert!(ours.read("outputs/p/picture.exr") == theirs.read("outputs/p/picture.exr"));
+    // What it names is an input, and what it says is in the key; how it says it is not.
+    theirs.write("scenes/still.xml", XML.replace("<shape type=\"sphere\">", "<!-- a ball --><shape type=\"sphere\">"));
+    assert_eq!(theirs.executed(&[]), 0);
+    theirs.write("scenes/pyramid.obj", PYRAMID.replace("v 0 1 0", "v 0 2 0"));
+    assert_eq!(theirs.executed(&[]), 1);
+    theirs.write("scenes/still.xml", XML.replace("0.8", "0.7"));
+    assert_eq!(theirs.executed(&[]), 1);
+}
+
+#[test]
+fn mistakes_of_a_scene_of_mitsuba_have_its_lines() {
+    let space = still();
+    space.pipeline(&PIPELINE.replace("still.yaml", "still.xml"));
+    for (right, wrong, expected) in [
+        ("type=\"sphere\"", "type=\"shpere\"", "scenes/still.xml:7: `<shape type=\"shpere\">` is not read; did you mean `sphere`?"),
+        ("value=\"0.8\"", "value=\"1.8\"", "scenes/still.xml:7: `scene.shapes[0].bsdf.diffuse.reflectance` must be"),
+        ("pyramid.obj", "pyramide.obj", "scenes/still.xml:8: input file `pyramide.obj`: no such file; did you mean `pyramid.obj`?"),
+        ("</sensor>", "", "scenes/still.xml:10: not well-formed XML"),
+    ] {
+        space.write("scenes/still.xml", XML.replace(right, wrong));
+        let found = errors(&space);
+        assert!(found.iter().any(|error| error.starts_with(expected)), "{wrong}: {found:#?}");
+    }
+}
+
+#[test]
+fn media_ask_for_an_integrator_that_sees_them_and_for_a_grey_extinction() {
+    let space = still();
+    let fog = "  - { box: {}, medium: { homogeneous: { sigma_t: 2 } } }\n";
+    let scene = format!("{}{fog}", SCENE.replace("path: {", "volume-path: {"));
+    space.write("scenes/still.yaml", &scene);
+    space.summary(&[]);
+    for (right, wrong, expected) in [
+        ("volume-path", "path", "scenes/still.yaml:8: the integrator sees no media; set `integrator: { volume-path: {} }`"),
+        ("sigma_t: 2", "sigma_t: [1, 2, 3]", "scenes/still.yaml:8: `scene.shapes[2].medium.homogeneous.sigma_t` must be"),
+        ("box: {}, medium", "rectangle: {}, medium", "scenes/still.yaml:8: a medium fills a shape"),
+        ("box: {}, medium", "box: {}, bsdf: { mirror: {} }, medium", "scenes/still.yaml:8: no light gets through"),
+        ("homogeneous: { sigma_t: 2 }", "grid: {}", "scenes/still.yaml:8: the grid needs"),
+        ("homogeneous: { sigma_t: 2 }", "grid: { path: fog.npy }", "scenes/still.yaml:8: input file `fog.npy`: no such file"),
+    ] {
+        assert!(scene.contains(right), "{right}");
+        space.write("scenes/still.yaml", scene.replace(right, wrong));
+        let found = errors(&space);
+        assert!(found.iter().any(|error| error.starts_with(expected)), "{wrong}: {found:#?}");
+    }
+}
+
+#[test]
+fn biased_tracking_says_so_in_the_manifest() {
+    let space = still();
+    let fog = "  - { box: {}, medium: { exponential: {} } }\n";
+    space.write("scenes/still.yaml", format!("{}{fog}", SCENE.replace("path: {", "volume-path: { tracking: squared-density,")));
+    space.summary(&[]);
+    assert!(space.manifest().to_string().contains("`tracking: squared-density` (fourth report) is biased"));
+}
+
 #[test]
 fn meshes_come_from_other_stages_too() {
     let space = still();

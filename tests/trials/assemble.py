@@ -14,6 +14,8 @@ import subprocess
 import sys
 import tempfile
 
+from trial import must, pfm
+
 STOPS = [-10, -8, -6, -4, -2, 0, 2]
 SHOTS = ", ".join(f"{{ name: s{index}, stops: {stops}, seconds: {2.0**stops!r} }}" for index, stops in enumerate(STOPS))
 PIPELINE = f"""
@@ -28,22 +30,6 @@ stages:
     assemble: {{ of: shot, seconds: shot.seconds, response: recovered, weighting: hat, ignore_below: 0, ignore_above: 1 }}
     save: {{ image: pfm, response: csv }}
 """
-
-
-def pfm(path):
-    import numpy
-    with open(path, "rb") as file:
-        assert file.readline() == b"PF\n"
-        width, height = map(int, file.readline().split())
-        assert float(file.readline()) < 0
-        return numpy.frombuffer(file.read(), "<f4").reshape(height, width, 3)[::-1].astype("f8")
-
-
-def must(what, found, allowed):
-    right = found <= allowed
-    print(f"{what}: {found:.2e} (allowed {allowed:.1e}){'' if right else ' WRONG'}", flush=True)
-    if not right:
-        sys.exit(1)
 
 
 def main():

@@ -5,7 +5,7 @@
 
 Each page has a scratch folder of its own, with the program on the path. What the words after ```LANGUAGE mean:
 
-    yaml file=NAME    the block is written to NAME (python likewise)
+    yaml file=NAME    the block is written to NAME (python likewise); a pipeline that no command names must pass `pipeline check`
     yaml append=NAME  the block is added to NAME
     sh                the block runs in bash and must succeed
     sh needs=MODULE   it runs if that Python has the module; else that is said aloud
@@ -119,6 +119,11 @@ def main():
             begun = time.monotonic()
             for block in found:
                 page.block(*block)
+            commands = " ".join(text for language, _, text, _ in found if language == "sh")
+            for language, words, text, line in found:
+                name = words.removeprefix("file=")
+                if language == "yaml" and name != words and text.startswith("version:") and name not in commands:
+                    page.shell("", "", f"pipeline check {name}", f"{path.relative_to(ROOT)}:{line}")
             print(f"{path.relative_to(ROOT)}: {page.run_count} command blocks, {time.monotonic() - begun:.1f} s", flush=True)
             for left_out in page.left_out:
                 print(f"  not run: {left_out}", flush=True)

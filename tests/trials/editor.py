@@ -22,7 +22,7 @@ MISTAKES = [
     ("save: png", "save: gif", "Value "),
     ("version: 1", "version: 2", "Value must be"),
     ("size: 128 }", "size: [128] }", "Incorrect type"),
-    ("run: { range: [1, 8, 1] }", "run: { raneg: [1, 8, 1] }", "raneg"),
+    ("run: { range: [1, 8, 1] }", "run: { raneg: [1, 8, 1] }", "Incorrect type"),
     ("params:", "parms:", "parms"),
 ]
 

@@ -19,6 +19,8 @@ import subprocess
 import sys
 import tempfile
 
+from trial import must, pfm
+
 SIZE = 63
 COUNT = 64
 PIPELINE = f"""
@@ -83,30 +85,12 @@ def part(function):
     return run
 
 
-def must(what, found, allowed):
-    """One line, and the end if the number is too large."""
-    right = found <= allowed
-    print(f"{what}: {found:.2e} (allowed {allowed:.1e}){'' if right else ' WRONG'}", flush=True)
-    if not right:
-        sys.exit(1)
-
-
 def cut(folder):
     """Directions and irradiances of the lights that are not black, from our JSON."""
     import numpy
     lights = json.loads((folder / "cut.json").read_text())["lights"]
     lights = [light for light in lights if max(light["irradiance"]) > 0]
     return (numpy.array([light[field] for light in lights]) for field in ("direction", "irradiance"))
-
-
-def pfm(path):
-    """Pixels of a PFM, top row first."""
-    import numpy
-    with open(path, "rb") as file:
-        assert file.readline() == b"PF\n"
-        width, height = map(int, file.readline().split())
-        assert float(file.readline()) < 0
-        return numpy.frombuffer(file.read(), "<f4").reshape(height, width, 3)[::-1].astype("f8")
 
 
 def inside():

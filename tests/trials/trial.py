@@ -1,6 +1,6 @@
 """What the trials share: runs of the coursework at small size, and what must hold after each.
 
-Python 3.11, standard library only.
+Python 3.11, standard library only but for `pfm`.
 """
 
 import argparse
@@ -132,3 +132,21 @@ def check_resumed(right, outputs, before, summary):
     if executed(summary) != new:
         fail(f"{executed(summary)} jobs ran, but {new} records are new")
     return new
+
+
+def must(what, found, allowed):
+    """One line, and the end if the number is too large."""
+    right = found <= allowed
+    print(f"{what}: {found:.2e} (allowed {allowed:.1e}){'' if right else ' WRONG'}", flush=True)
+    if not right:
+        sys.exit(1)
+
+
+def pfm(path):
+    """Pixels of a little-endian color PFM, top row first; needs numpy."""
+    import numpy
+    with open(path, "rb") as file:
+        assert file.readline() == b"PF\n"
+        width, height = map(int, file.readline().split())
+        assert float(file.readline()) < 0
+        return numpy.frombuffer(file.read(), "<f4").reshape(height, width, 3)[::-1].astype("f8")

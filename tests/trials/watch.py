@@ -34,7 +34,7 @@ def main():
         write("more.yaml", MORE.replace("WIDTH", "16"))
         write("sky.pfm", pfm(1.0))
         log = open(os.path.join(folder, "log"), "w+")
-        watcher = subprocess.Popen([program, "watch", "watched.yaml"], cwd=folder, stdout=subprocess.DEVNULL, stderr=log)
+        watcher = subprocess.Popen([program, "watch", "watched.yaml", "--report"], cwd=folder, stdout=subprocess.DEVNULL, stderr=log)
 
         def expect(text, count=1):
             end = time.time() + PATIENCE
@@ -54,6 +54,10 @@ def main():
             write("more.yaml", MORE.replace("WIDTH", "32"))
             expect("parameter width 16 -> 32")
             expect("waiting for changes", 3)
+            page = open(os.path.join(folder, "outputs/watched/report.html")).read()
+            if "parameter width 16 -&gt; 32" not in page:
+                sys.exit("failed: the report is not fresh")
+            print("passed: the report is fresh after a change")
             write("watched.yaml", TEXT.replace("load:", "laod:"))
             expect("waiting for a repair")
             write("watched.yaml", TEXT.replace("sky.pfm", "gone.pfm"))

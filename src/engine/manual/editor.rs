@@ -103,7 +103,7 @@ fn stage_schema(registry: &Registry, kinds: Map<String, Json>) -> Json {
 
 /// Adds the schema of a kind, its own definitions under names that no other kind has.
 fn add_kind(name: &str, kind: &Kind, definitions: &mut Map<String, Json>) {
-    let mut schema = kind.schema.clone();
+    let mut schema = kind.schema().clone();
     let own = schema.as_object_mut().and_then(|schema| {
         schema.remove("$schema");
         schema.remove("definitions")

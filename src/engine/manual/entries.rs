@@ -120,14 +120,16 @@ fn entries_or_names(root: &Json, field: &Json) -> (Vec<Entry>, Vec<String>) {
 
 /// The definitions that a schema refers to, outside the fields of maps.
 fn definitions_of(schema: &Json, names: &mut Vec<String>) {
-    if let Some(name) = schema.get("$ref").and_then(Json::as_str).and_then(|target| target.strip_prefix("#/definitions/")) {
-        if !names.iter().any(|known| known == name) {
-            names.push(name.to_owned());
-        }
-    }
+    let name = definition_name(schema).filter(|name| !names.iter().any(|known| known == name));
+    names.extend(name.map(str::to_owned));
     let lists = ["anyOf", "oneOf", "allOf"].iter().filter_map(|key| schema.get(key)?.as_array()).flatten();
     let inner = ["items", "additionalProperties"].iter().filter_map(|key| schema.get(key)).filter(|inner| inner.is_object());
     lists.chain(inner).for_each(|part| definitions_of(part, names));
+}
+
+/// The name of the definition to which a schema refers.
+pub fn definition_name(schema: &Json) -> Option<&str> {
+    schema.get("$ref")?.as_str()?.strip_prefix("#/definitions/")
 }
 
 /// Whether a schema has parameters of its own, in itself or in an alternative.

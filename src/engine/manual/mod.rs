@@ -21,7 +21,7 @@ use crate::catalogue::nearest;
 /// All kinds, one a line: name, what it gives, what it does.
 pub fn kinds(registry: &Registry) -> String {
     let rows: Vec<(&str, String, String)> =
-        registry.kinds().iter().map(|(name, kind)| (name, gives(kind), first_sentence(&kind.schema))).collect();
+        registry.kinds().iter().map(|(name, kind)| (name, gives(kind), first_sentence(kind.schema()))).collect();
     let name_width = rows.iter().map(|row| row.0.len()).max().unwrap_or(0);
     let gives_width = rows.iter().map(|row| row.1.chars().count()).max().unwrap_or(0);
     let lines = rows.iter().map(|(name, gives, about)| format!("{name:name_width$}  {gives:gives_width$}  {about}\n"));
@@ -34,7 +34,7 @@ pub fn kind(registry: &Registry, name: &str) -> Result<String, String> {
         let hint = did_you_mean(nearest(name, registry.kinds().names())).map(|hint| format!("; {hint}")).unwrap_or_default();
         return Err(format!("there is no kind {}{hint}", quoted(name)));
     };
-    let (about, example) = about_and_example(&kind.schema);
+    let (about, example) = about_and_example(kind.schema());
     let mut text = format!("{}\n\n", kind.name);
     if !about.is_empty() {
         text += &format!("{}\n\n", indented(about, "  "));
@@ -43,7 +43,7 @@ pub fn kind(registry: &Registry, name: &str) -> Result<String, String> {
     if let Some(example) = example {
         text += &format!("\nExample, below `stages:`\n\n{}\n", indented(example, "  "));
     }
-    let parameters = entries(&kind.schema, &kind.schema, Within::here());
+    let parameters = entries(kind.schema(), kind.schema(), Within::here());
     if !parameters.is_empty() {
         text += "\nParameters:\n";
         parameters.iter().for_each(|entry| push_entry(entry, 1, &mut text));

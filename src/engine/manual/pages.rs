@@ -10,7 +10,7 @@ use schemars::generate::SchemaSettings;
 use serde_json::Value as Json;
 
 use super::editor;
-use super::entries::{Entry, Within, about_and_example, description, entries, first_sentence, gives, has_fields};
+use super::entries::{Entry, Within, about_and_example, definition_name, description, entries, first_sentence, gives, has_fields};
 use crate::engine::manifest::{Manifest, ShortManifest};
 use crate::engine::registry::{Kind, Registry};
 use crate::engine::schema::{alternatives, expected, resolved};
@@ -43,7 +43,7 @@ fn kinds_page(registry: &Registry) -> String {
          `pipeline stages KIND` shows the same on the terminal.\n\n| kind | gives | |\n| --- | --- | --- |\n",
     );
     for (name, kind) in registry.kinds().iter() {
-        writeln!(text, "| [`{name}`](#{name}) | {} | {} |", gives(kind), prose(&first_sentence(&kind.schema)))
+        writeln!(text, "| [`{name}`](#{name}) | {} | {} |", gives(kind), prose(&first_sentence(kind.schema())))
             .expect("writing to a String");
     }
     text += "\nWhat a stage gives can be published in these formats (`save:`):\n\n| type | formats |\n| --- | --- |\n";
@@ -56,13 +56,13 @@ fn kinds_page(registry: &Registry) -> String {
 }
 
 fn push_kind(kind: &Kind, text: &mut String) {
-    let (about, example) = about_and_example(&kind.schema);
+    let (about, example) = about_and_example(kind.schema());
     writeln!(text, "\n## {}\n\n{}\n", kind.name, prose(about)).expect("writing to a String");
     if let Some(example) = example {
         writeln!(text, "```yaml\n{example}\n```\n").expect("writing to a String");
     }
     writeln!(text, "Gives {}. Version {}.\n", gives(kind), kind.version).expect("writing to a String");
-    for entry in entries(&kind.schema, &kind.schema, Within::here()) {
+    for entry in entries(kind.schema(), kind.schema(), Within::here()) {
         match section_of(kind, &entry.name) {
             Some(_) => push_entry(&Entry { inner: Vec::new(), ..entry.clone() }, 0, &format!(" [All of it]({}.md).", entry.name), text),
             None => push_entry(&entry, 0, "", text),
@@ -72,21 +72,21 @@ fn push_kind(kind: &Kind, text: &mut String) {
 
 /// The schema within a parameter that may stand in a file of its own.
 fn section_of<'k>(kind: &'k Kind, parameter: &str) -> Option<&'k Json> {
-    let field = resolved(&kind.schema, kind.schema.get("properties")?.get(parameter)?);
+    let field = resolved(kind.schema(), kind.schema().get("properties")?.get(parameter)?);
     let choices = ["anyOf", "allOf"].iter().filter_map(|key| field.get(key)?.as_array()).flatten();
     let section = std::iter::once(field).chain(choices).find(|schema| schema.get("x-section").is_some())?;
     section.get("anyOf")?.get(0)
 }
 
 fn section_pages(kind: &Kind) -> Vec<(String, String)> {
-    let names = kind.schema.get("properties").and_then(Json::as_object).into_iter().flat_map(|fields| fields.keys());
+    let names = kind.schema().get("properties").and_then(Json::as_object).into_iter().flat_map(|fields| fields.keys());
     let page = |name: &String| {
         let section = section_of(kind, name)?;
         let mut text = format!(
             "# The `{name}` of `{}`\n\nStands below `{name}:` in a pipeline file, or in a YAML file of its own that `{name}: FILE` names.\n",
             kind.name
         );
-        push_definitions(&kind.schema, section, &mut text);
+        push_definitions(kind.schema(), section, &mut text);
         Some((name.clone(), text))
     };
     names.filter_map(page).collect()
@@ -120,8 +120,9 @@ fn push_definition(root: &Json, name: &str, schema: &Json, text: &mut String) ->
     for family in &families {
         writeln!(text, "\nOne of [{}](#{}).", title(family), anchor(&title(family))).expect("writing to a String");
     }
+    let has_own = schema.get("properties").is_some() || (choices.is_empty() && families.is_empty());
     met.extend(families);
-    if choices.is_empty() || schema.get("properties").is_some() {
+    if has_own {
         text.push('\n');
         push_entries(&entries(root, schema, Within::Elsewhere), text, &mut met);
     }
@@ -136,8 +137,7 @@ fn families_and_choices<'s>(root: &'s Json, schema: &'s Json) -> (Vec<String>, V
     let listed = ["anyOf", "oneOf"].iter().find_map(|key| schema.get(key)?.as_array()).into_iter().flatten();
     let (mut families, mut choices) = (Vec::new(), Vec::new());
     for choice in listed {
-        let name = choice.get("$ref").and_then(Json::as_str).and_then(|target| target.strip_prefix("#/definitions/"));
-        match name {
+        match definition_name(choice) {
             Some(name) if !alternatives(root, choice).is_empty() && has_fields(root, choice) => families.push(name.to_owned()),
             _ if alternatives(root, choice).is_empty() => choices.push(resolved(root, choice)),
             _ => choices.extend(alternatives(root, choice)),
@@ -230,8 +230,8 @@ pub fn manifest_schema() -> Json {
 #[serde(untagged)]
 #[expect(dead_code, reason = "stands for its schema alone")]
 enum AnyManifest {
-    Whole(Manifest),
-    Short(ShortManifest),
+    Whole(Box<Manifest>),
+    Short(Box<ShortManifest>),
 }
 
 /// The name of a definition as a heading: `RoughConductorParameters` is `Rough conductor`.

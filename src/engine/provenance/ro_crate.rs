@@ -11,6 +11,7 @@ use std::fmt::Write;
 
 use serde_json::Value as Json;
 
+use crate::engine::lines::{add_line, add_text};
 use crate::engine::manifest::{FileEntry, JobEntry, Manifest, Outcome, PublishedEntry, SpecEntry, Status, place_text, plain_text};
 
 /// Name of the file, beside the manifest.
@@ -57,14 +58,14 @@ impl Entity {
             [only] => entity.text("@type", only),
             several => {
                 let mut entity = entity.name("@type");
-                serde_json::to_writer(&mut entity.0, several).expect(TO_MEMORY);
+                add_line(several, &mut entity.0);
                 entity
             }
         }
     }
 
     fn value(mut self, text: &str) -> Self {
-        serde_json::to_writer(&mut self.0, text).expect(TO_MEMORY);
+        add_text(text, &mut self.0);
         self
     }
 
@@ -104,8 +105,6 @@ impl Entity {
         String::from_utf8(self.0).expect("JSON is UTF-8")
     }
 }
-
-const TO_MEMORY: &str = "writing text to memory cannot fail";
 
 struct Crate<'m> {
     manifest: &'m Manifest,

@@ -12,12 +12,14 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
-use super::restoration::{self, Restored};
+use super::restoration::{self, Means, Restored};
 use super::{Clock, Places, Summary, new_run_folder, run_file, write_short};
 use crate::engine::digest::Digest;
+use crate::engine::events::{Event, Listener};
 use crate::engine::graph::Graph;
 use crate::engine::lines::line;
 use crate::engine::manifest::{JobEntry, Outcome, PublishedEntry, Status, WarningEntry};
@@ -98,6 +100,8 @@ pub struct Finished<'a> {
     pub outputs: &'a OutputFolder,
     /// All files that it stands behind, in order.
     pub published: Vec<FileContent>,
+    /// What is in the records of that run, in the order of [`RECORDS`]; `None` if they are gone.
+    pub records: Option<[Digest; 2]>,
     /// The run that made them.
     pub run_id: &'a str,
     /// See [`result_id`](crate::engine::manifest::result_id).
@@ -112,13 +116,15 @@ pub fn note(found: &Finished<'_>, places: &Places, library: &Library, signatures
     if graph.has_warnings || graph.jobs.iter().any(|job| job.is_forced) {
         return Ok(());
     }
-    let (Some(basis), Some(text)) = (basis(found, signatures), graph.sources.first()) else { return Ok(()) };
+    let contents = line(&found.published);
+    let basis = basis(found, Digest::of(contents.as_bytes()), signatures);
+    let (Some(basis), Some(text)) = (basis, graph.sources.first()) else { return Ok(()) };
     let name = note_name(&graph.request, places, &Digest::of(text.text.as_bytes()));
-    library.keep_note(&contents_name(&name), &line(&found.published))?;
+    library.keep_note(&contents_name(&name), &contents)?;
     library.keep_note(&name, &line(&basis))
 }
 
-fn basis(found: &Finished<'_>, signatures: &mut Signatures) -> Option<Basis> {
+fn basis(found: &Finished<'_>, contents: Digest, signatures: &mut Signatures) -> Option<Basis> {
     let graph = found.graph;
     let texts = graph.sources.iter().map(|source| (graph.folder.join(&source.path), Digest::of(source.text.as_bytes())));
     let wanted = graph.jobs.iter().filter(|job| job.is_wanted).zip(found.jobs);
@@ -128,20 +134,21 @@ fn basis(found: &Finished<'_>, signatures: &mut Signatures) -> Option<Basis> {
     inputs.dedup();
     let sources = texts.chain(inputs).map(|(path, digest)| known_source(path, digest, signatures)).collect::<Option<_>>()?;
 
-    let folder = found.outputs.path().join("runs").join(found.run_id);
-    let records = RECORDS.iter().map(|(name, kept_as)| {
-        let digest = Digest::of(&fs::read(folder.join(kept_as)).ok()?);
-        Some(KnownRecord { name: (*name).to_owned(), kept_as: (*kept_as).to_owned(), digest, signature: None })
-    });
+    let record = |((name, kept_as), digest): ((&str, &str), Digest)| KnownRecord {
+        name: name.to_owned(),
+        kept_as: kept_as.to_owned(),
+        digest,
+        signature: None,
+    };
     let mut basis = Basis {
         program: this_program()?,
         request: graph.request.clone(),
         pipeline: graph.pipeline.clone(),
         is_whole: graph.is_whole,
         sources,
-        records: records.collect::<Option<_>>()?,
+        records: RECORDS.into_iter().zip(found.records?).map(record).collect(),
         published: by_folder(&found.published),
-        contents: Digest::of(line(&found.published).as_bytes()),
+        contents,
         run_id: found.run_id.to_owned(),
         result_id: found.result_id,
         jobs: found.jobs.len() as u64,
@@ -149,6 +156,13 @@ fn basis(found: &Finished<'_>, signatures: &mut Signatures) -> Option<Basis> {
     };
     basis.learn_signatures(found.outputs, &found.published, signatures);
     Some(basis)
+}
+
+/// What is in the records of an earlier run, in the order of [`RECORDS`]; `None` if they are gone.
+pub fn record_digests(outputs: &OutputFolder, run_id: &str) -> Option<[Digest; 2]> {
+    let digest = |kept_as: &str| Some(Digest::of(&fs::read(outputs.path().join(run_file(run_id, kept_as))).ok()?));
+    let [(_, record), (_, metadata)] = RECORDS;
+    Some([digest(record)?, digest(metadata)?])
 }
 
 /// A text or an input with the signature by which its content is known, if it is.
@@ -180,7 +194,15 @@ pub fn tell_damage(graph: &Graph, places: &Places, library: &Library) {
 }
 
 /// The run that executes nothing, with its short manifest, if all that it rests on is as an earlier run has noted it.
-pub fn run(request: &Request, places: &Places, settings: Settings) -> Result<Option<Summary>, SystemError> {
+///
+/// If it is interrupted while it puts files back, there is no such run: the one that plans notes what is in place.
+pub fn run(
+    request: &Request,
+    places: &Places,
+    settings: Settings,
+    interrupted: &AtomicBool,
+    listener: &mut dyn Listener,
+) -> Result<Option<Summary>, SystemError> {
     let clock = Clock::start();
     // What is wrong with the store is told by the run, after what is wrong with the request.
     let Ok(library) = places.library() else { return Ok(None) };
@@ -197,7 +219,10 @@ pub fn run(request: &Request, places: &Places, settings: Settings) -> Result<Opt
         let contents = library.glance_at_note(&contents_name(&name)).filter(|text| Digest::of(text.as_bytes()) == basis.contents);
         let Some(contents) = contents.and_then(|text| serde_json::from_str::<Vec<FileContent>>(&text).ok()) else { return Ok(None) };
         let mut signatures = Signatures::kept_in(&library);
-        match restoration::restore(&basis, &contents, &odd, &outputs, &library, &mut signatures, settings.threads)? {
+        listener.notify(&Event::Planned { jobs: basis.jobs as usize, hits: basis.jobs as usize });
+        let mut means =
+            Means { outputs: &outputs, library: &library, signatures: &mut signatures, threads: settings.threads, interrupted, listener };
+        match restoration::restore(&basis, &contents, &odd, &mut means)? {
             Some(done) => restored = done,
             None => return Ok(None),
         }

@@ -2,9 +2,11 @@
 
 use std::fs;
 use std::num::NonZeroUsize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::engine::events::Silence;
-use crate::engine::manifest::ShortManifest;
+use crate::engine::events::{Event, Listener, Silence};
+use crate::engine::manifest::{Manifest, ShortManifest, Status};
 use crate::engine::registry::Registry;
 use crate::engine::request::Request;
 use crate::engine::run::{self, Summary, memory};
@@ -28,7 +30,7 @@ fn settings() -> Settings {
 }
 
 fn by_memory(space: &Space) -> Option<Summary> {
-    memory::run(&Request::of_file(space.path("p.yaml")), &space.places(), settings()).unwrap()
+    memory::run(&Request::of_file(space.path("p.yaml")), &space.places(), settings(), &space.interrupted, &mut Silence).unwrap()
 }
 
 fn by_plan(space: &Space, request: &Request) -> Summary {
@@ -174,6 +176,40 @@ fn a_run_that_is_told_to_compute_leaves_no_note() {
     fs::write(space.path("p.yaml"), text("one")).unwrap();
     let request = Request { force: vec!["leaf".into()], ..Request::of_file(space.path("p.yaml")) };
     by_plan(&space, &request);
-    assert!(memory::run(&request, &space.places(), settings()).unwrap().is_none());
+    assert!(memory::run(&request, &space.places(), settings(), &space.interrupted, &mut Silence).unwrap().is_none());
     assert_eq!(by_plan(&space, &request).measured.jobs["ran"], 1);
+}
+
+/// Interrupts the run that begins to put files back.
+struct Impatience(Arc<AtomicBool>);
+
+impl Listener for Impatience {
+    fn notify(&mut self, event: &Event) {
+        if matches!(event, Event::Restoring { files: 3, .. }) {
+            self.0.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+#[test]
+fn a_restoration_that_is_interrupted_leaves_a_manifest_that_says_so() {
+    let space = space();
+    planned(&space, "one");
+    let before = outputs(&space);
+    for name in ["trunk.txt", "leaf.txt", "other.txt"] {
+        fs::remove_file(space.path("outputs/p").join(name)).unwrap();
+    }
+    let request = Request::of_file(space.path("p.yaml"));
+    let mut impatience = Impatience(space.interrupted.clone());
+    assert!(memory::run(&request, &space.places(), settings(), &space.interrupted, &mut impatience).unwrap().is_none());
+    assert!(!space.path("outputs/p/other.txt").exists(), "nothing more was written");
+    assert_eq!(fs::read_dir(space.path("outputs/.tmp")).unwrap().count(), 0);
+    let summary = by_plan(&space, &request);
+    assert_eq!(summary.status, Status::Interrupted);
+    let manifest = fs::read(summary.manifest).unwrap();
+    assert_eq!(serde_json::from_slice::<Manifest>(&manifest).unwrap().status, Status::Interrupted);
+
+    space.interrupted.store(false, Ordering::Relaxed);
+    assert!(by_memory(&space).is_some());
+    assert_eq!(outputs(&space), before);
 }

@@ -106,16 +106,24 @@ struct Known {
 impl Known {
     fn load(places: &Places, graph: &Graph) -> Result<Self, SystemError> {
         let library = Arc::new(places.library()?);
-        let index = Index::load(&library, &graph.pipeline);
-        let signatures = Signatures::kept_in(&library);
+        // Both are long where there are many jobs.
+        let (index, signatures) = std::thread::scope(|scope| {
+            let signatures = scope.spawn(|| Signatures::kept_in(&library));
+            (Index::load(&library, &graph.pipeline), signatures.join().expect("no thread panics while it reads a note"))
+        });
         Ok(Self { library, index, signatures })
     }
 }
 
-/// What would run and why, as entries of a manifest; writes nothing.
-pub fn plan(graph: &Graph, places: &Places) -> Result<(Vec<JobEntry>, Vec<String>), RunError> {
+fn planned(graph: &Graph, places: &Places) -> Result<(Known, Plan), RunError> {
     let mut known = Known::load(places, graph)?;
     let plan = freshness::plan(graph, &known.library, &known.index, &mut known.signatures).map_err(RunError::Inputs)?;
+    Ok((known, plan))
+}
+
+/// What would run and why, as entries of a manifest; writes nothing.
+pub fn plan(graph: &Graph, places: &Places) -> Result<(Vec<JobEntry>, Vec<String>), RunError> {
+    let (known, plan) = planned(graph, places)?;
     let mut history = History::new(places.pipeline_folder(graph), graph);
     Ok((freshness::entries(graph, &plan, &mut history), known.library.take_notices()))
 }
@@ -130,15 +138,16 @@ pub fn run(
     listener: &mut dyn Listener,
 ) -> Result<Summary, RunError> {
     let clock = Clock::start();
-    let mut known = Known::load(places, &graph)?;
-    let plan = freshness::plan(&graph, &known.library, &known.index, &mut known.signatures).map_err(RunError::Inputs)?;
-
     let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
+    let (planned, standing) = std::thread::scope(|scope| {
+        let standing = scope.spawn(|| read_standing(&outputs.path()));
+        (planned(&graph, places), standing.join().expect("no thread panics while it reads a manifest"))
+    });
+    let (mut known, plan) = planned?;
     outputs.prepare()?;
     known.library.tidy();
     memory::tell_damage(&graph, places, &known.library);
-    let standing = read_standing(&outputs.path());
-    let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), settings, interrupted, listener);
+    let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), clock.steady, settings, interrupted, listener);
     let (shared, finished) = finished;
     conclude(&shared, finished, known, standing, places, settings, &clock, listener)
 }
@@ -151,6 +160,7 @@ fn execute(
     known: &mut Known,
     outputs: &OutputFolder,
     standing: Option<&Standing>,
+    began: Instant,
     settings: Settings,
     interrupted: Arc<AtomicBool>,
     listener: &mut dyn Listener,
@@ -159,7 +169,7 @@ fn execute(
     let history = History::new(outputs.path(), &graph);
     let committer = Committer::new(known.library.clone());
     let shared = Arc::new(Shared::new(graph, artifacts, known.library.clone(), outputs.clone(), interrupted, committer.submit()));
-    let world = World { history, index: &known.index, signatures: &mut known.signatures, standing };
+    let world = World { history, index: &known.index, signatures: &mut known.signatures, standing, began };
     let mut scheduler = Scheduler::new(shared.clone(), plan, world, committer, settings, listener);
     scheduler.run();
     (shared, scheduler.finish())
@@ -198,20 +208,8 @@ fn conclude(
         if is_complete { (remove_unedited(outputs, &earlier, &mut known.signatures, &mut ledger)?, Vec::new()) } else { (0, earlier) };
 
     let mut system_error = committed.err();
-    if system_error.is_none() {
-        system_error = keep_caches(&mut known, outputs, &mut ledger, &graph.pipeline).err();
-    }
-    let mut measured = clock.measured(settings);
-    measured.memory_peak = ledger.memory_peak;
-    measured.files_written = ledger.written.len() as u64;
-    measured.files_removed = removed;
-    for entry in &entries {
-        *measured.jobs.entry(entry.outcome.word().to_owned()).or_default() += 1;
-    }
-
-    let notices = known.library.take_notices();
-    ledger.has_passing_warnings |= !notices.is_empty();
-    ledger.warnings.extend(notices.into_iter().map(|text| (String::new(), text)));
+    let measured = measured(clock.measured(settings), &entries, &ledger, removed);
+    ledger.take_notices(&known.library);
     let warnings = warning_entries(graph, &entries, std::mem::take(&mut ledger.warnings));
     let result_id = result_id(&entries, &ledger.published);
     let run_id = new_run_folder(outputs, clock)?;
@@ -235,15 +233,25 @@ fn conclude(
         machine: Machine::this(),
         measured: measured.clone(),
     };
-    match &results_of {
-        Some(earlier) => write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?,
-        None => write_whole(outputs, &manifest)?,
-    }
+    let index = std::mem::take(&mut ledger.index);
+    let keep = || {
+        if system_error.is_none() {
+            system_error = keep_caches(&mut known, outputs, &manifest.published, &ledger.written, index, &graph.pipeline).err();
+        }
+    };
+    let records = match &results_of {
+        Some(earlier) => {
+            keep();
+            write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?;
+            memory::record_digests(outputs, earlier)
+        }
+        None => Some(write_whole(outputs, &manifest, keep)?),
+    };
     let published = contents(&manifest.published, |path| ledger.publication_keys.get(path));
     // What is said once is not for a note, and of a run whose store cannot be written none can be kept.
     if let Some(published) = published.filter(|_| status == Status::Done && system_error.is_none() && !ledger.has_passing_warnings) {
         let run_id = results_of.as_ref().unwrap_or(&run_id);
-        let found = Remembered { graph, jobs: &manifest.jobs, outputs, published, run_id, result_id, warnings: &warnings };
+        let found = Remembered { graph, jobs: &manifest.jobs, outputs, published, records, run_id, result_id, warnings: &warnings };
         system_error = memory::note(&found, places, &known.library, &mut known.signatures).err();
     }
     for warning in &warnings {
@@ -252,6 +260,15 @@ fn conclude(
     listener.notify(&Event::Ended { run_id: run_id.clone(), status, seconds: measured.seconds });
     let manifest = outputs.path().join("manifest.json");
     Ok(Summary { run_id, result_id, status, results_of, manifest, measured, failures: ledger.failures, warnings, system_error })
+}
+
+/// Times and counts of a run, of which the times are given.
+fn measured(times: Measured, entries: &[JobEntry], ledger: &Ledger, files_removed: u64) -> Measured {
+    let mut jobs: BTreeMap<String, u64> = BTreeMap::new();
+    for entry in entries {
+        *jobs.entry(entry.outcome.word().to_owned()).or_default() += 1;
+    }
+    Measured { memory_peak: ledger.memory_peak, files_written: ledger.written.len() as u64, files_removed, jobs, ..times }
 }
 
 /// Files that the last run stood behind and this one does not.
@@ -284,15 +301,21 @@ fn remove_unedited(
 }
 
 /// Writes the index and the signatures if this run learnt something.
-fn keep_caches(known: &mut Known, outputs: &OutputFolder, ledger: &mut Ledger, pipeline: &str) -> Result<(), SystemError> {
-    let digests: BTreeMap<&str, Digest> = ledger.published.iter().map(|entry| (entry.path.as_str(), entry.sha256)).collect();
-    for path in &ledger.written {
-        if let (Some(signature), Some(digest)) = (outputs.signature(path), digests.get(path.as_str())) {
-            known.signatures.remember(signature, *digest);
+fn keep_caches(
+    known: &mut Known,
+    outputs: &OutputFolder,
+    published: &[PublishedEntry],
+    written: &[String],
+    index: Index,
+    pipeline: &str,
+) -> Result<(), SystemError> {
+    for path in written {
+        let entry = published.binary_search_by(|entry| entry.path.as_str().cmp(path));
+        if let (Some(signature), Ok(entry)) = (outputs.signature(path), entry) {
+            known.signatures.remember(signature, published[entry].sha256);
         }
     }
     known.signatures.keep_in(&known.library)?;
-    let index = std::mem::take(&mut ledger.index);
     if index.is_within(&known.index) {
         return Ok(());
     }
@@ -323,7 +346,8 @@ fn spec_entries(graph: &Graph) -> Vec<SpecEntry> {
     graph.sources.iter().map(entry).collect()
 }
 
-fn write_whole(outputs: &OutputFolder, manifest: &Manifest) -> Result<(), SystemError> {
+/// Writes the records of a run while something else is done; gives their digests, in the order of [`RECORDS`].
+fn write_whole(outputs: &OutputFolder, manifest: &Manifest, beside: impl FnOnce()) -> Result<[Digest; 2], SystemError> {
     let [(record, kept_record), (metadata, kept_metadata)] = RECORDS;
     for (path, text) in ro_crate::workflow_files(manifest) {
         outputs.write(&path, text.as_bytes())?;
@@ -333,12 +357,14 @@ fn write_whole(outputs: &OutputFolder, manifest: &Manifest) -> Result<(), System
         let metadata = scope.spawn(move || {
             let text = ro_crate::text(manifest);
             outputs.write(&run_file(&manifest.run_id, kept_metadata), text.as_bytes())?;
-            outputs.write(metadata, text.as_bytes())
+            outputs.write(metadata, text.as_bytes()).map(|()| Digest::of(text.as_bytes()))
         });
         let text = lines::text(manifest);
         outputs.write(&run_file(&manifest.run_id, kept_record), &text)?;
-        metadata.join().expect("no thread panics while it writes a crate")?;
-        outputs.write(record, &text)
+        beside();
+        let metadata = metadata.join().expect("no thread panics while it writes a crate")?;
+        outputs.write(record, &text)?;
+        Ok([Digest::of(&text), metadata])
     })
 }
 

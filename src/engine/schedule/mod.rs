@@ -27,7 +27,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use super::digest::Digest;
+use super::digest::{Digest, DigestMap};
 use super::events::{Event, Failure, Listener};
 use super::freshness::{Plan, fill_inputs};
 use super::history::History;
@@ -36,6 +36,7 @@ use super::signature::Signatures;
 use super::store::claims::{Claim, Claims};
 use super::store::committer::Committer;
 use super::store::index::Index;
+use super::store::library::Library;
 use super::system::SystemError;
 use elsewhere::Flight;
 use state::{JobState, Order, Ready};
@@ -55,14 +56,17 @@ pub struct Settings {
     pub start_pool: fn(NonZeroUsize),
 }
 
-/// After an interrupt, running jobs have so long to end by themselves.
-const PATIENCE: Duration = Duration::from_millis(450);
+/// After an interrupt, running jobs have so long to end by themselves: five times what a stage may take between two looks
+/// at it. What is left of the second is for the manifest, and for a machine on which everything takes longer.
+const PATIENCE: Duration = Duration::from_millis(250);
 
 /// How often an interrupt is looked for while jobs run.
 const GLANCE: Duration = Duration::from_millis(20);
 
 /// The state of a run.
 pub struct Scheduler<'l> {
+    /// When the run began.
+    began: Instant,
     shared: Arc<Shared>,
     settings: Settings,
     listener: &'l mut dyn Listener,
@@ -77,7 +81,7 @@ pub struct Scheduler<'l> {
     /// Wanted jobs that use a result of each job, each once.
     dependents: Vec<Vec<usize>>,
     /// Jobs that are ready, run or have run in this run, by key.
-    by_key: HashMap<Digest, usize>,
+    by_key: DigestMap<usize>,
     ready: BinaryHeap<Ready>,
     to_publish: VecDeque<PublishTask>,
     /// Jobs whose values are in memory, the oldest first.
@@ -132,6 +136,15 @@ pub struct Ledger {
     pub index: Index,
 }
 
+impl Ledger {
+    /// Takes over what the store has to say, which is said once.
+    pub fn take_notices(&mut self, library: &Library) {
+        let notices = library.take_notices();
+        self.has_passing_warnings |= !notices.is_empty();
+        self.warnings.extend(notices.into_iter().map(|text| (String::new(), text)));
+    }
+}
+
 /// What the world looked like before the run.
 pub struct World<'l> {
     /// Earlier runs.
@@ -142,6 +155,8 @@ pub struct World<'l> {
     pub signatures: &'l mut Signatures,
     /// The latest manifest.
     pub standing: Option<&'l Standing>,
+    /// When the run began.
+    pub began: Instant,
 }
 
 impl<'l> Scheduler<'l> {
@@ -163,6 +178,7 @@ impl<'l> Scheduler<'l> {
         let dependents = state::dependents(graph);
         let wanted_count = jobs.iter().flatten().count();
         Self {
+            began: world.began,
             jobs,
             dependents,
             shared,
@@ -173,7 +189,7 @@ impl<'l> Scheduler<'l> {
             signatures: world.signatures,
             standing: world.standing,
             committer,
-            by_key: HashMap::new(),
+            by_key: DigestMap::default(),
             ready: BinaryHeap::new(),
             to_publish: VecDeque::new(),
             in_memory: VecDeque::new(),

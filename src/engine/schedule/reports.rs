@@ -17,6 +17,8 @@ impl Scheduler<'_> {
         let job = report.job;
         match report.body {
             Body::Ran(result) => {
+                let start = report.start.saturating_duration_since(self.began).as_secs_f64();
+                self.state_mut(job).span = Some((start, report.thread));
                 let reserved = std::mem::take(&mut self.state_mut(job).reserved);
                 self.reserved -= reserved;
                 let claim = self.end_flight(job);

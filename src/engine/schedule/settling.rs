@@ -174,7 +174,8 @@ impl Scheduler<'_> {
         state.entry.reason = reason;
         state.entry.outputs = output_entries(&record);
         state.entry.warnings = record.warnings.iter().cloned().chain(node.parameters.caveats()).collect();
-        state.entry.measured = Some(JobMeasured { seconds: record.seconds, memory: record.memory });
+        let (start, thread) = state.span.filter(|_| outcome == Outcome::Ran).unzip();
+        state.entry.measured = Some(JobMeasured { seconds: record.seconds, memory: record.memory, start, thread });
         if state.sizes.is_empty() {
             state.sizes = record.outputs.iter().map(|output| output.content.size).collect();
         }

@@ -104,8 +104,9 @@ impl Scheduler<'_> {
         self.ledger.memory_peak = self.ledger.memory_peak.max(self.reserved + self.shared.held());
         if self.threads.len() < self.running.min(self.settings.threads.get()) {
             let (shared, tasks, reports) = (self.shared.clone(), self.waiting_tasks.clone(), self.report_to.clone());
-            let name = format!("job-{}", self.threads.len());
-            let thread = std::thread::Builder::new().name(name).spawn(move || work(&shared, &tasks, &reports));
+            let number = self.threads.len() as u32;
+            let name = format!("job-{number}");
+            let thread = std::thread::Builder::new().name(name).spawn(move || work(number, &shared, &tasks, &reports));
             self.threads.push(thread.expect("the system gives a thread"));
         }
         self.tasks.send(task).expect("the scheduler holds the receiver too");

@@ -57,6 +57,8 @@ pub struct JobState {
     pub followers: Vec<usize>,
     /// Its publications that are in place.
     pub published: Vec<usize>,
+    /// When it started, in seconds since the run began, and on which job thread.
+    pub span: Option<(f64, u32)>,
 }
 
 impl JobState {
@@ -78,6 +80,7 @@ impl JobState {
             reruns: 0,
             followers: Vec::new(),
             published: Vec::new(),
+            span: None,
         }
     }
 

@@ -78,7 +78,11 @@ pub struct FileToPublish {
 pub struct Report {
     /// Index of the job.
     pub job: usize,
-    /// How long the task took.
+    /// The thread, from 0.
+    pub thread: u32,
+    /// When the task began.
+    pub start: Instant,
+    /// How long it took.
     pub time: Duration,
     /// What came of it.
     pub body: Body,
@@ -135,8 +139,8 @@ impl From<StageError> for Fault {
     }
 }
 
-/// Takes tasks until there are no more.
-pub fn work(shared: &Arc<Shared>, tasks: &Mutex<Receiver<Task>>, reports: &Sender<Report>) {
+/// Takes tasks until there are no more; `thread` is the number of this one.
+pub fn work(thread: u32, shared: &Arc<Shared>, tasks: &Mutex<Receiver<Task>>, reports: &Sender<Report>) {
     loop {
         let task = tasks.lock().expect("no job thread panics while it waits").recv();
         let start = Instant::now();
@@ -145,7 +149,7 @@ pub fn work(shared: &Arc<Shared>, tasks: &Mutex<Receiver<Task>>, reports: &Sende
             Ok(Task::Publish(task)) => (task.job, Body::Published(guarded(|| publish(shared, &task)))),
             Err(_) => return,
         };
-        if reports.send(Report { job, time: start.elapsed(), body }).is_err() {
+        if reports.send(Report { job, thread, start, time: start.elapsed(), body }).is_err() {
             return;
         }
     }

@@ -4,13 +4,11 @@
 //! rows are arrays, without names of fields and without the bytes that records hold, since a whole index is read at
 //! every plan.
 
-use std::collections::HashMap;
-
 use serde::{Deserialize, Serialize};
 
 use super::library::Library;
 use super::record::{Blob, OutputRecord, PublicationRecord, ResultRecord};
-use crate::engine::digest::Digest;
+use crate::engine::digest::{Digest, DigestMap};
 use crate::engine::lines::line;
 use crate::engine::system::SystemError;
 
@@ -20,10 +18,10 @@ const OLDER_COUNT: usize = 20_000;
 /// What is known of results by their recipe.
 #[derive(Debug, Default)]
 pub struct Index {
-    results: HashMap<Digest, ResultRecord>,
-    publications: HashMap<Digest, PublicationRecord>,
+    results: DigestMap<ResultRecord>,
+    publications: DigestMap<PublicationRecord>,
     /// From a job's key to its recipe.
-    recipes: HashMap<Digest, Digest>,
+    recipes: DigestMap<Digest>,
 }
 
 /// The file of an index, its rows in the order of their keys.
@@ -108,7 +106,7 @@ impl Index {
 }
 
 /// The rows of this run and the first of the others, in the order of their keys.
-fn with_older<T>(rows: HashMap<Digest, T>, older: HashMap<Digest, T>) -> Vec<(Digest, T)> {
+fn with_older<T>(rows: DigestMap<T>, older: DigestMap<T>) -> Vec<(Digest, T)> {
     let room = OLDER_COUNT.saturating_sub(rows.len());
     let mut older: Vec<_> = older.into_iter().filter(|(key, _)| !rows.contains_key(key)).collect();
     older.sort_unstable_by_key(|(key, _)| *key);

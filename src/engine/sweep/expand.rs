@@ -430,7 +430,7 @@ impl<'r> Layout<'_, 'r, '_> {
         if let (Some(seed), false) = (seed, roles.iter().any(|field| field.role == Role::Seed)) {
             replaced.push(Replaced { path: &own_seed, role: &Role::Seed, instead: Some(json!(seed)) });
         }
-        canonical(&draft.kind.schema, parameters, &replaced)
+        canonical(&self.world.rules(draft.kind), parameters, &replaced)
     }
 
     fn shown_file(&self, node: &Node) -> Json {

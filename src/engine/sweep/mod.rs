@@ -51,7 +51,7 @@ fn built(registry: &Registry, request: &Request, sources: &mut Sources, findings
     };
     let axes: Vec<Axis> = document.axes.iter().map(|entry| read(entry, findings)).collect();
     warn_of_references_in_parameters(&document, &axes, findings);
-    sections::put_in(&mut document, &axes, sources, findings);
+    sections::put_in(registry, &mut document, &axes, sources, findings);
     let (limit, inputs) = (request.max_jobs, request.inputs.as_ref());
     let world = World { registry, document, axes, sources, limit, inputs, rules: RefCell::default() };
     let drafts = drafts(&world, findings);
@@ -81,7 +81,7 @@ struct World<'r, 'a> {
 impl<'r> World<'r, '_> {
     /// What the parameters of a kind must be.
     fn rules(&self, kind: &'r Kind) -> Rc<Rules<'r>> {
-        self.rules.borrow_mut().entry(kind.name).or_insert_with(|| Rc::new(Rules::new(kind.name, &kind.schema))).clone()
+        self.rules.borrow_mut().entry(kind.name).or_insert_with(|| Rc::new(Rules::new(kind.name, kind.schema()))).clone()
     }
 
     /// The name of a stage.

@@ -1,6 +1,7 @@
 //! References, the order of stages, and the coordinates of each.
 
 use std::collections::{BTreeSet, HashMap};
+use std::sync::Arc;
 
 use super::World;
 use super::draft::{Draft, texts};
@@ -34,7 +35,7 @@ pub struct Port {
     /// Name of its field.
     pub name: String,
     /// Types it takes.
-    pub accepts: Vec<String>,
+    pub accepts: Arc<[String]>,
     /// Whether it takes any number of results.
     pub collects: bool,
     /// What stands there.

@@ -1,7 +1,8 @@
 //! Sections: parameters that stand in a file of their own are put where the file's path is written.
 //!
 //! Done once for the whole document, before anything is substituted or checked, so that a section is like text of the
-//! pipeline file: it may use parameters and axes, its mistakes have its own lines, and its paths are relative to it.
+//! pipeline file: it may use parameters and axes, its mistakes have its own lines, and its paths are relative to it. A
+//! registry may have other languages than YAML for it, by the ending of the file's name.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -11,18 +12,19 @@ use serde_json::Value as Json;
 use crate::engine::axes::Axis;
 use crate::engine::diagnostic::quoted;
 use crate::engine::document::Document;
+use crate::engine::registry::Registry;
 use crate::engine::source::{Finding, Findings, Sources, read_text};
 use crate::engine::substitution::{Scope, Template, substitute};
-use crate::engine::yaml::{Entry, Node, Value, parse};
+use crate::engine::yaml::{Entry, Node, Value};
 
 /// Replaces every path of a section by what its file says; a stage that cannot have its section is left out.
-pub fn put_in(document: &mut Document<'_>, axes: &[Axis], sources: &mut Sources, findings: &mut Findings) {
+pub fn put_in(registry: &Registry, document: &mut Document<'_>, axes: &[Axis], sources: &mut Sources, findings: &mut Findings) {
     let scope = Scope::new(&document.params, axes);
-    let mut reader = Reader { sources, findings, read: HashMap::new() };
+    let mut reader = Reader { registry, sources, findings, read: HashMap::new() };
     for stage in &mut document.stages {
         let (Some(kind), Value::Map(entries)) = (stage.kind, &stage.parameters.value) else { continue };
         let put_in = |entry: &Entry| match &entry.node.value {
-            Value::Text(_) if is_section(&kind.schema, &entry.key) => {
+            Value::Text(_) if is_section(kind.schema(), &entry.key) => {
                 reader.section(&entry.node, &scope, &stage.name).map(|node| Entry { node, ..entry.clone() })
             }
             _ => Some(entry.clone()),
@@ -39,6 +41,7 @@ fn is_section(schema: &Json, field: &str) -> bool {
 }
 
 struct Reader<'a> {
+    registry: &'a Registry,
     sources: &'a mut Sources,
     findings: &'a mut Findings,
     /// What each file says; `None` where it is wrong, which was reported.
@@ -88,7 +91,7 @@ impl Reader<'_> {
             }
         };
         let index = self.sources.add_file(path, String::new());
-        let node = parse(index, &content, self.findings);
+        let node = self.registry.dialect(path)(index, &content, self.findings);
         self.sources.text_mut(index).text = content;
         let node = node?;
         if node.map().is_none() {

@@ -47,6 +47,16 @@ impl Lobe {
         let mirrored = DVec3::new(2.0 * normal.z * normal.x, 2.0 * normal.z * normal.y, 2.0 * normal.z * normal.z - 1.0);
         Reflection { lobe: self, normal, mirrored }
     }
+
+    /// e of a lobe that falls as 1 - e t² / 2 with the angle t from its peak, seen head-on; towards the sphere's edge that of GGX grows.
+    pub fn sharpness(self) -> f64 {
+        match self {
+            Lobe::Diffuse => 1.0,
+            Lobe::Phong { exponent } => f64::from(exponent) + 1.0,
+            // D falls as 1 - 2 h² / alpha² with the angle h of the half vector, which is half of t.
+            Lobe::Ggx { alpha } => 1.0 / (alpha * alpha),
+        }
+    }
 }
 
 impl Reflection {

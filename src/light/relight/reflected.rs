@@ -3,6 +3,8 @@
 //! The radiance towards the camera is albedo times the sum of weight times f (n . w)+. For a lobe other than Lambert's there
 //! is no short cut over rows, as in `exact`: every normal looks at every direction.
 
+use std::f64::consts::PI;
+
 use glam::DVec3;
 
 use crate::image::raster::Image;
@@ -45,8 +47,7 @@ pub fn by_directions<E: Send>(
 
 /// The sphere under every pixel of a map: the sum over pixel centers of the integrand's color.
 ///
-/// Right as long as the lobe is wider than a pixel: the sum differs from the integral over pixels of constant radiance by about
-/// e / 24 of the pixel's angle squared for a Phong exponent e.
+/// Right as long as the lobe is wider than a pixel, by [`error_of_centers`].
 ///
 /// # Errors
 /// What `check` gives.
@@ -75,6 +76,16 @@ pub fn exact<E: Send>(
     sphere::picture(size, |line: &Scanline| line.normals.iter().map(radiance).collect())
 }
 
+/// How far [`exact`] is from the integral over pixels of constant radiance: of one bright pixel that the lobe's peak looks at, the
+/// relative error, and what others err by in units of that peak.
+///
+/// A lobe falls as 1 - e t² / 2 with the angle t from its peak, and the mean of t² over a pixel of a by b radians is
+/// (a² + b²) / 12. So it is e (a² + b²) / 24, of square pixels of angle a near the equator e a² / 12, as long as that is small.
+pub fn error_of_centers(map: &EnvMap, lobe: Lobe) -> f64 {
+    let (across, down) = (2.0 * PI / map.width() as f64, PI / map.height() as f64);
+    lobe.sharpness() * (across * across + down * down) / 24.0
+}
+
 /// Bytes that [`exact`] needs beside its input and its result.
 pub fn memory(pixel_count: u64) -> u64 {
     pixel_count * size_of::<Weighted>() as u64
@@ -92,6 +103,7 @@ fn row_sum(row: &[Weighted], reflection: &Reflection) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::envmap::{Angles, direction_at, phi_of_column, solid_angle_of_pixel, theta_of_row};
     use crate::light::relight::exact as diffuse;
     use crate::light::test_maps::{constant, noisy};
 
@@ -125,6 +137,36 @@ mod tests {
         let map = constant(128, 64, [2.0; 3]);
         let image = exact(&map, &Integrand::radiance(), Lobe::Ggx { alpha: 0.5 }, 1, [1.0; 3], go).unwrap();
         assert!((image.color.pixel(0, 0)[0] / 2.0 - 0.6878).abs() < 2e-3, "{:?}", image.color.pixel(0, 0));
+    }
+
+    /// What a lobe whose peak looks at the middle of a lone bright pixel shows: by the pixel's center, and by 16 x 16 parts of it.
+    fn center_and_integral(lobe: Lobe, width: usize) -> [f64; 2] {
+        let places = |parts: usize| {
+            let place = |x: usize, y: usize| {
+                let (width, height) = (width * parts, width / 2 * parts);
+                let direction = direction_at(theta_of_row(y, height, Angles::Center), phi_of_column(x, width, Angles::Center));
+                (direction, solid_angle_of_pixel(y, width, height))
+            };
+            let (first_x, first_y) = (width / 4 * parts, width / 4 * parts);
+            (0..parts * parts).map(|k| place(first_x + k % parts, first_y + k / parts)).collect::<Vec<_>>()
+        };
+        let bright = places(1)[0].0;
+        let reflection = lobe.at((bright + DVec3::Z).normalize());
+        [1, 16].map(|parts| places(parts).into_iter().map(|(direction, angle)| angle * reflection.value(direction)).sum())
+    }
+
+    #[test]
+    fn centers_err_by_what_is_said_of_narrow_lobes() {
+        for (lobe, width) in [
+            (Lobe::Phong { exponent: 64 }, 128),
+            (Lobe::Phong { exponent: 500 }, 512),
+            (Lobe::Ggx { alpha: 0.1 }, 128),
+            (Lobe::Ggx { alpha: 0.05 }, 256),
+        ] {
+            let [center, integral] = center_and_integral(lobe, width);
+            let (error, said) = (center / integral - 1.0, error_of_centers(&constant(width, width / 2, [1.0; 3]), lobe));
+            assert!(error > 0.8 * said && error < 1.1 * said, "{lobe:?}: {error}, and {said} is said");
+        }
     }
 
     #[test]

@@ -180,10 +180,16 @@ impl<'m> View<'m> {
 
     /// How many of `count` drawn directions fall into each cell.
     pub fn counts(&self, count: u32, seed: u64) -> Vec<u64> {
+        self.counts_of(self, count, seed)
+    }
+
+    /// How many of `count` directions that another view draws fall into each of this one's cells, whose size goes with
+    /// its roughness: what a control needs, since in cells of its own a lobe that is too wide looks right.
+    pub fn counts_of(&self, drawn: &Self, count: u32, seed: u64) -> Vec<u64> {
         let stream = Stream::new(seed, Purpose::Test);
         let mut counts = vec![0; CELL_COUNT + 1];
         for index in 0..u64::from(count) {
-            let smooth = self.draw(&stream, index, Transport::Energy).filter(|sample| !sample.is_delta);
+            let smooth = drawn.draw(&stream, index, Transport::Energy).filter(|sample| !sample.is_delta);
             let cell = smooth.map_or(CELL_COUNT, |sample| self.cell(sample.direction.as_dvec3()));
             counts[cell] += 1;
         }

@@ -92,6 +92,15 @@ impl LightSample {
             None => Some(surface.spawn(self.direction)),
         }
     }
+
+    /// The same from a point that is on no surface.
+    #[inline]
+    pub fn shadow_ray_from(&self, position: Vec3) -> Option<Ray> {
+        match self.target {
+            Some(target) => Ray::to(position, target),
+            None => Some(Ray::new(position, self.direction)),
+        }
+    }
 }
 
 impl Lights {

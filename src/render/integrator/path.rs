@@ -9,7 +9,9 @@
 //! tested for shadow: resampled importance sampling after Talbot, Cline, Egbert, "Importance resampling for global
 //! illumination" (EGSR 2005). Its estimate, the candidates' mean times the visibility of the chosen one, has the
 //! right mean for any weights of multiple importance sampling that sum to one at each direction; they count
-//! the candidates as so many draws.
+//! the candidates as so many draws. Each channel of the color chooses by what the candidates bring to it, all by one
+//! number: so where nothing is hidden each is the candidates' mean, without the noise of the chosen one's color, and
+//! where lights differ in strength but not in color all three choose the same and cast one shadow ray.
 
 use glam::Vec3;
 
@@ -25,13 +27,15 @@ use crate::render::scene::compiled::Scene;
 /// Numbers of the camera: the place on the film, the place on the lens.
 pub const CAMERA_SETS: u32 = 2;
 /// Sets of a vertex: the light, the direction of scattering, and choices.
-const VERTEX_SETS: u32 = 3;
+pub(super) const VERTEX_SETS: u32 = 3;
 /// The direction of scattering among the sets of a vertex.
-const DIRECTION_SET: u32 = 1;
+pub(super) const DIRECTION_SET: u32 = 1;
 /// Choices among the sets of a vertex: the lobe; the light of several, and whether the path goes on.
-const CHOICE_SET: u32 = 2;
+pub(super) const CHOICE_SET: u32 = 2;
 /// The largest number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+/// Red, green and blue.
+const CHANNELS: usize = 3;
 
 /// How paths are traced.
 #[derive(Debug, Clone, Copy)]
@@ -71,13 +75,100 @@ struct Candidate {
     brought: Vec3,
 }
 
+/// The candidates of one draw, of which each channel keeps one.
+struct Choice {
+    /// Uniform on [0, 1), whatever was chosen before: what is left of the number chooses among the rest.
+    numbers: [f32; CHANNELS],
+    /// What all candidates bring together.
+    total: Vec3,
+    /// Of the candidates so far, the one that each channel keeps.
+    kept: [Option<LightSample>; CHANNELS],
+    /// The candidate's index, by which channels that keep the same know it.
+    indices: [u32; CHANNELS],
+}
+
+impl Choice {
+    fn new(number: f32) -> Self {
+        Self { numbers: [number; CHANNELS], total: Vec3::ZERO, kept: [None; CHANNELS], indices: [0; CHANNELS] }
+    }
+
+    /// One more candidate: a channel keeps it with the probability of its share in what has come so far.
+    #[inline]
+    fn add(&mut self, index: u32, candidate: &Candidate) {
+        self.total += candidate.brought;
+        for channel in 0..CHANNELS {
+            let number = &mut self.numbers[channel];
+            if candidate.brought[channel] <= 0.0 {
+                continue;
+            }
+            let probability = candidate.brought[channel] / self.total[channel];
+            // What is infinite is kept, so that the sample shows it and is counted.
+            if *number >= probability {
+                *number = ((*number - probability) / (1.0 - probability)).min(BELOW_ONE);
+            } else {
+                *number /= probability;
+                self.kept[channel] = Some(candidate.light);
+                self.indices[channel] = index;
+            }
+        }
+    }
+
+    /// What the candidates bring together, each channel by the share of its kept one that comes through.
+    #[inline]
+    fn seen(&self, mut share_seen: impl FnMut(&LightSample) -> f32) -> Vec3 {
+        let mut shares = [0.0; CHANNELS];
+        for channel in 0..CHANNELS {
+            let Some(light) = &self.kept[channel] else { continue };
+            let same = (0..channel).find(|&other| self.kept[other].is_some() && self.indices[other] == self.indices[channel]);
+            shares[channel] = same.map_or_else(|| share_seen(light), |other| shares[other]);
+        }
+        let channel = |index: usize| if shares[index] > 0.0 { self.total[index] * shares[index] } else { 0.0 };
+        Vec3::new(channel(0), channel(1), channel(2))
+    }
+}
+
 /// How the ray at hand was found, for the weight of the light that it hits.
 #[derive(Debug, Clone, Copy)]
-enum Origin {
+pub(super) enum Origin {
     /// By the camera or by a lobe that no drawing of lights could have found.
     Unique,
     /// By scattering at that point, with that density.
     Scattered { reference: Vec3, pdf: f32 },
+}
+
+/// A point that scatters light.
+pub(super) trait Vertex {
+    /// Where it is.
+    fn position(&self) -> Vec3;
+
+    /// What part of the light from a direction is scattered on, and the density of scattering into that direction.
+    fn evaluate_with_pdf(&self, direction: Vec3) -> (Vec3, f32);
+
+    /// The ray along which a light may be hidden; `None` where it is at this very point.
+    fn shadow_ray(&self, light: &LightSample) -> Option<Ray>;
+}
+
+/// A point of a surface, seen from one direction.
+pub(super) struct OnSurface<'a> {
+    pub surface: &'a Surface,
+    pub shading: &'a Shading<'a>,
+}
+
+impl Vertex for OnSurface<'_> {
+    #[inline]
+    fn position(&self) -> Vec3 {
+        self.surface.position
+    }
+
+    #[inline]
+    fn evaluate_with_pdf(&self, direction: Vec3) -> (Vec3, f32) {
+        self.shading.evaluate_with_pdf(direction, Transport::Radiance)
+    }
+
+    #[inline]
+    fn shadow_ray(&self, light: &LightSample) -> Option<Ray> {
+        light.shadow_ray(self.surface)
+    }
 }
 
 impl Transporter {
@@ -126,7 +217,9 @@ impl Transporter {
             let shading = Shading::new(bsdf, &surface.frame, surface.normal, outgoing);
             let sets = CAMERA_SETS + VERTEX_SETS * depth;
             if !bsdf.is_delta() {
-                let direct = self.direct(scene, &surface, &shading, numbers, sets);
+                let vertex = OnSurface { surface: &surface, shading: &shading };
+                let visible = |ray: &Ray| (!scene.geometry.is_occluded(ray)).then_some(1.0);
+                let direct = self.direct(scene, &vertex, numbers, sets, visible);
                 radiance += self.limited(throughput * direct, depth + 1);
             }
             let choice = numbers.bits(sets + CHOICE_SET);
@@ -149,63 +242,48 @@ impl Transporter {
         (radiance, first)
     }
 
-    /// Light by drawing lights from a vertex.
-    fn direct(&self, scene: &Scene, surface: &Surface, shading: &Shading<'_>, numbers: &Numbers<'_>, sets: u32) -> Vec3 {
+    /// Light by drawing lights from a vertex; `visible` gives the share that comes through along a ray, if any does.
+    #[inline]
+    pub(super) fn direct(
+        &self,
+        scene: &Scene,
+        vertex: &impl Vertex,
+        numbers: &Numbers<'_>,
+        sets: u32,
+        mut visible: impl FnMut(&Ray) -> Option<f32>,
+    ) -> Vec3 {
         if scene.lights.is_empty() {
             return Vec3::ZERO;
         }
-        let light_once = |part| {
-            let chosen = self.chosen(scene, surface, shading, numbers, sets, part)?;
-            let is_hidden = chosen.light.shadow_ray(surface).is_none_or(|ray| scene.geometry.is_occluded(&ray));
-            (!is_hidden).then_some(chosen.brought)
-        };
-        (0..self.emitter_samples).filter_map(light_once).sum::<Vec3>() / self.emitter_samples as f32
-    }
-
-    /// One of the candidates of a draw, by what it would bring if nothing hid it; what it brings counts for all.
-    #[inline]
-    fn chosen(
-        &self,
-        scene: &Scene,
-        surface: &Surface,
-        shading: &Shading<'_>,
-        numbers: &Numbers<'_>,
-        sets: u32,
-        part: u32,
-    ) -> Option<Candidate> {
+        let mut share_seen = |light: &LightSample| vertex.shadow_ray(light).and_then(|ray| visible(&ray)).unwrap_or(0.0);
         let (count, draws) = (self.emitter_candidates, self.draws());
         if draws == 1 {
-            return self.candidate(scene, surface, shading, numbers.bits(sets));
+            let Some(candidate) = self.candidate(scene, vertex, numbers.bits(sets)) else { return Vec3::ZERO };
+            let share = share_seen(&candidate.light);
+            return if share > 0.0 { candidate.brought * share } else { Vec3::ZERO };
         }
-        let mut choice = unit(numbers.bits_of_part(sets + CHOICE_SET, part, self.emitter_samples)[1]);
-        let mut chosen = None;
-        let mut total = 0.0;
-        for index in part * count..(part + 1) * count {
-            let Some(candidate) = self.candidate(scene, surface, shading, numbers.bits_of_part(sets, index, draws)) else { continue };
-            let share = candidate.brought.element_sum();
-            total += share;
-            let probability = share / total;
-            // What is left of the number chooses among the rest.
-            if choice < probability {
-                choice /= probability;
-                chosen = Some((candidate, share));
-            } else {
-                choice = ((choice - probability) / (1.0 - probability)).min(BELOW_ONE);
+        let mut sum = Vec3::ZERO;
+        for part in 0..self.emitter_samples {
+            let mut choice = Choice::new(unit(numbers.bits_of_part(sets + CHOICE_SET, part, self.emitter_samples)[1]));
+            for index in part * count..(part + 1) * count {
+                if let Some(candidate) = self.candidate(scene, vertex, numbers.bits_of_part(sets, index, draws)) {
+                    choice.add(index, &candidate);
+                }
             }
+            sum += choice.seen(&mut share_seen);
         }
-        let (candidate, share) = chosen?;
-        Some(Candidate { brought: candidate.brought * (total / (share * count as f32)), ..candidate })
+        sum / draws as f32
     }
 
     /// A draw of a light; `None` where it brings nothing, hidden or not.
     #[inline]
-    fn candidate(&self, scene: &Scene, surface: &Surface, shading: &Shading<'_>, bits: [u32; 2]) -> Option<Candidate> {
-        let light = scene.lights.sample(&scene.geometry, surface.position, bits)?;
+    fn candidate(&self, scene: &Scene, vertex: &impl Vertex, bits: [u32; 2]) -> Option<Candidate> {
+        let light = scene.lights.sample(&scene.geometry, vertex.position(), bits)?;
         let is_left_to_scattering = self.strategy == Strategy::Bsdf && !light.is_delta;
         if is_left_to_scattering || light.pdf <= 0.0 || light.radiance == Vec3::ZERO {
             return None;
         }
-        let (value, scattering_pdf) = shading.evaluate_with_pdf(light.direction, Transport::Radiance);
+        let (value, scattering_pdf) = vertex.evaluate_with_pdf(light.direction);
         if value == Vec3::ZERO {
             return None;
         }
@@ -225,7 +303,7 @@ impl Transporter {
     }
 
     /// What the environment adds to a ray that hits nothing.
-    fn background(&self, scene: &Scene, direction: Vec3, origin: Origin) -> Vec3 {
+    pub(super) fn background(&self, scene: &Scene, direction: Vec3, origin: Origin) -> Vec3 {
         match origin {
             Origin::Unique => scene.lights.environment().map_or(Vec3::ZERO, |environment| environment.radiance(direction)),
             Origin::Scattered { .. } if self.strategy == Strategy::Emitter => Vec3::ZERO,
@@ -237,7 +315,7 @@ impl Transporter {
     }
 
     /// What a surface adds by its own light.
-    fn emission(&self, scene: &Scene, ray: &Ray, surface: &Surface, origin: Origin) -> Vec3 {
+    pub(super) fn emission(&self, scene: &Scene, ray: &Ray, surface: &Surface, origin: Origin) -> Vec3 {
         let Some(emitted) = scene.lights.emitted(surface, ray.direction) else { return Vec3::ZERO };
         match origin {
             Origin::Unique => emitted,
@@ -257,14 +335,14 @@ impl Transporter {
     }
 
     /// Scales down what is too bright, after the first scattering.
-    fn limited(&self, added: Vec3, scatterings: u32) -> Vec3 {
+    pub(super) fn limited(&self, added: Vec3, scatterings: u32) -> Vec3 {
         let largest = added.max_element();
         if scatterings < 2 || largest <= self.clamp_indirect { added } else { added * (self.clamp_indirect / largest) }
     }
 }
 
 impl FirstHit {
-    fn of(surface: &Surface, outgoing: Vec3, bsdf: &Bsdf<'_>, depth: f32) -> Self {
+    pub(super) fn of(surface: &Surface, outgoing: Vec3, bsdf: &Bsdf<'_>, depth: f32) -> Self {
         let normal = bsdf.normal_in(&surface.frame);
         let towards_camera = if normal.dot(outgoing) < 0.0 { -normal } else { normal };
         Self { is_hit: true, albedo: bsdf.albedo(), normal: towards_camera, depth }
@@ -279,4 +357,65 @@ fn power_heuristic(a: f32, b: f32) -> f32 {
     }
     let ratio = b / a;
     1.0 / (1.0 + ratio * ratio)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    /// A candidate that brings this; its density tells which one it is.
+    fn candidate(index: usize, brought: Vec3) -> Candidate {
+        let light = LightSample { direction: Vec3::Z, radiance: Vec3::ONE, pdf: index as f32, is_delta: false, target: None };
+        Candidate { light, brought }
+    }
+
+    fn chosen(number: f32, brought: &[Vec3]) -> Choice {
+        let mut choice = Choice::new(number);
+        (0..).zip(brought).for_each(|(index, brought)| choice.add(index, &candidate(index as usize, *brought)));
+        choice
+    }
+
+    const COLORED: [Vec3; 4] = [Vec3::new(1.0, 0.0, 2.0), Vec3::new(3.0, 1.0, 0.0), Vec3::ZERO, Vec3::new(0.0, 5.0, 2.0)];
+
+    /// Over all numbers a channel sees the sum of what the candidates that are not hidden bring to it.
+    #[test]
+    fn each_channel_keeps_a_candidate_by_its_share() {
+        const NUMBERS: u32 = 40_000;
+        for hidden in 0..1_usize << COLORED.len() {
+            let is_seen = |index: usize| hidden >> index & 1 == 0;
+            let seen = |k: u32| chosen((k as f32 + 0.5) / NUMBERS as f32, &COLORED).seen(|light| f32::from(is_seen(light.pdf as usize)));
+            let mean = (0..NUMBERS).map(|k| seen(k).as_dvec3()).sum::<glam::DVec3>() / f64::from(NUMBERS);
+            let expected: Vec3 = (0..COLORED.len()).filter(|&index| is_seen(index)).map(|index| COLORED[index]).sum();
+            assert!((mean - expected.as_dvec3()).abs().max_element() < 1e-3, "{hidden:b}: {mean} {expected}");
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_hidden_the_choice_adds_no_noise() {
+        for k in 0..100 {
+            assert_eq!(chosen(k as f32 / 100.0, &COLORED).seen(|_| 1.0), COLORED.into_iter().sum::<Vec3>());
+        }
+    }
+
+    #[test]
+    fn lights_of_one_color_are_asked_for_once() {
+        for k in 0..100 {
+            let asked = Cell::new(0);
+            let shades = [0.5, 2.0, 0.25, 8.0].map(|strength| Vec3::new(1.0, 0.5, 0.25) * strength);
+            chosen(k as f32 / 100.0, &shades).seen(|_| {
+                asked.set(asked.get() + 1);
+                1.0
+            });
+            assert_eq!(asked.get(), 1, "{k}");
+        }
+    }
+
+    #[test]
+    fn what_is_infinite_shows() {
+        let seen = |brought: &[Vec3]| chosen(0.5, brought).seen(|_| 1.0).x;
+        assert_eq!(seen(&[Vec3::INFINITY, Vec3::ONE]), f32::INFINITY);
+        assert_eq!(seen(&[Vec3::MAX, Vec3::MAX]), f32::INFINITY);
+    }
 }

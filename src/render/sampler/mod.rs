@@ -172,10 +172,31 @@ impl Numbers<'_> {
         }
     }
 
+    /// As many independent numbers as are asked for, of a set of their own.
+    #[inline]
+    pub fn further(&self, set: u32) -> Further {
+        Further { state: mixed(set_key(self.pixel.key, set) ^ mixed(u64::from(self.index))) }
+    }
+
     /// Two uniform numbers on [0, 1), multiples of 2^-24.
     #[inline]
     pub fn pair(&self, set: u32) -> [f32; 2] {
         self.bits(set).map(unit)
+    }
+}
+
+/// Independent numbers for work whose length is not known beforehand.
+#[derive(Debug, Clone, Copy)]
+pub struct Further {
+    state: u64,
+}
+
+impl Further {
+    /// The next uniform number on [0, 1), a multiple of 2^-53.
+    #[inline]
+    pub fn uniform(&mut self) -> f64 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        (mixed(self.state) >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
     }
 }
 

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use crate::image::raster::Raster;
 use crate::light::envmap::EnvMap;
@@ -21,13 +21,17 @@ use crate::render::emitter::{EmitterDescription, EnvironmentParameters, LightsPa
 use crate::render::film::filter::Filter;
 use crate::render::film::{Background, LayerKind};
 use crate::render::integrator::Integrator;
+use crate::render::medium::grid::Voxels;
+use crate::render::medium::media::Media;
+use crate::render::medium::{Medium, MediumDescription, MediumError, Place, Tracking};
 use crate::render::mesh::Mesh;
 use crate::render::sampler::Sampler;
 use crate::render::scene::SceneDescription;
 use crate::render::scene::placed::BsdfChoice;
+use crate::render::scene_file::SceneFile;
 use crate::render::shape::geometry::{Geometry, Placed};
 use crate::render::shape::mesh::MeshShape;
-use crate::render::shape::{Shape, ShapeError, forms};
+use crate::render::shape::{Form, Shape, ShapeError, forms};
 use crate::render::texture::bitmap::{Decoding, Pixels, TexelError};
 use crate::render::texture::parameter::{Origin, Parameter, Pictures, Reflectance};
 use crate::render::texture::value::{Color, Value};
@@ -50,6 +54,8 @@ pub struct Scene {
     pub integrator: Integrator,
     /// What rays hit.
     pub geometry: Geometry,
+    /// What is between the surfaces.
+    pub media: Media,
     /// Where light comes from.
     pub lights: Lights,
     /// What negative pixels the map had; they count as zero.
@@ -107,6 +113,9 @@ pub trait Library {
 
     /// The pixels of a picture.
     fn pixels(&mut self, origin: &Origin) -> Result<Pixels, Self::Error>;
+
+    /// The densities of a grid.
+    fn voxels(&mut self, file: &SceneFile) -> Result<Voxels, Self::Error>;
 }
 
 /// The library of scenes that name nothing.
@@ -121,6 +130,10 @@ impl Library for NoLibrary {
     }
 
     fn pixels(&mut self, _: &Origin) -> Result<Pixels, Self::Error> {
+        Err(std::io::ErrorKind::NotFound.into())
+    }
+
+    fn voxels(&mut self, _: &SceneFile) -> Result<Voxels, Self::Error> {
         Err(std::io::ErrorKind::NotFound.into())
     }
 }
@@ -181,6 +194,9 @@ pub enum SceneError<E> {
     /// A shape that cannot be used.
     #[error(transparent)]
     Shape(#[from] ShapeError),
+    /// A medium that cannot be used.
+    #[error("medium of shape {0}: {1}")]
+    Medium(usize, MediumError),
     /// A map with pixels that are not finite.
     #[error(transparent)]
     Environment(EnvironmentError<std::convert::Infallible>),
@@ -228,12 +244,19 @@ impl Scene {
         let ((materials, material_of_shape), areas) = compiled?;
         let shapes: Vec<&Shape> = description.shapes.iter().map(|placed| &placed.shape).collect();
         let forms = forms(&shapes, |mesh| library.mesh(mesh).map_err(Passed::Outside))?;
-        let mut placed = Vec::with_capacity(forms.len());
+        let (mut placed, mut filled) = (Vec::with_capacity(forms.len()), Vec::new());
         for (index, (form, shape)) in forms.into_iter().zip(&description.shapes).enumerate() {
             let to_world = transform::affine(&shape.transform).map_err(|error| SceneError::Transform(index, error))?;
-            placed.push(Placed { form, to_world, is_emitter: shape.emitter.is_some() });
+            let one = Placed { form, to_world, is_emitter: shape.emitter.is_some() };
+            if let Some(medium) = &shape.medium {
+                filled.push((index, Placed { is_emitter: false, ..one.clone() }, medium));
+            }
+            if !shape.is_boundary() {
+                placed.push(one);
+            }
         }
         let geometry = Geometry::build(&placed, || check().map_err(Passed::Outside))?;
+        let media = media(&filled, description.integrator.tracking(), library, &check)?;
         let (mut sources, negative_count) = sources(description, surroundings, &check)?;
         sources.extend(areas);
         let lights = Lights::new(sources, &geometry);
@@ -243,8 +266,9 @@ impl Scene {
             background: description.film.background,
             sampler: description.sampler.compiled(surroundings.seed, description.samples_per_replicate()),
             kept: Kept::of(description),
-            integrator: description.integrator.compiled(),
+            integrator: description.integrator.compiled(surroundings.env.is_some()),
             geometry,
+            media,
             lights,
             negative_count,
             materials,
@@ -267,7 +291,7 @@ fn materials<E>(description: &SceneDescription, pictures: &dyn Pictures) -> Resu
         description.materials.values().map(|bsdf| Material::with_pictures(bsdf, directions, pictures)).collect::<Result<_, _>>()?;
     let usual = BsdfDescription::Diffuse(DiffuseParameters { reflectance: usual_reflectance(), one_sided: false });
     let mut of_shape = Vec::with_capacity(description.shapes.len());
-    for placed in &description.shapes {
+    for placed in description.surfaces() {
         let bsdf = match &placed.bsdf {
             Some(BsdfChoice::Named(name)) => {
                 let index = names.iter().position(|known| *known == name).ok_or_else(|| SceneError::Material(name.clone()))?;
@@ -285,6 +309,37 @@ fn materials<E>(description: &SceneDescription, pictures: &dyn Pictures) -> Resu
         of_shape.push(index as u32);
     }
     Ok((materials, of_shape))
+}
+
+/// What is between the surfaces, of shapes with their index in the scene.
+fn media<L: Library>(
+    filled: &[(usize, Placed, &MediumDescription)],
+    tracking: Tracking,
+    library: &mut L,
+    check: &(impl Fn() -> Result<(), L::Error> + Sync),
+) -> Result<Media, SceneError<L::Error>> {
+    let shapes: Vec<Placed> = filled.iter().map(|(_, placed, _)| placed.clone()).collect();
+    let boundaries = Geometry::build(&shapes, || check().map_err(Passed::Outside))?;
+    let mut media = Vec::with_capacity(filled.len());
+    for (place, (index, placed, description)) in filled.iter().enumerate() {
+        let voxels = description.file().map(|file| library.voxels(file)).transpose().map_err(SceneError::Outside)?;
+        let around = Place { bounds: boundaries.bounds_of_shape(place), to_world: placed.to_world * around(&placed.form) };
+        let medium = Medium::new(description, &around, voxels).and_then(|medium| medium.checked(&around, tracking));
+        media.push(medium.map_err(|error| SceneError::Medium(*index, error))?);
+    }
+    Ok(Media::new(boundaries, media, tracking))
+}
+
+/// From the cube [-1, 1]³ to the box around a form.
+fn around(form: &Form) -> DAffine3 {
+    match form {
+        Form::Unit(_, to_place) => *to_place,
+        Form::Mesh(mesh) => {
+            let corners = mesh.positions().iter().map(|corner| corner.as_dvec3());
+            let (min, max) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), corner| (min.min(corner), max.max(corner)));
+            DAffine3 { matrix3: DMat3::from_diagonal((max - min) / 2.0), translation: (min + max) / 2.0 }
+        }
+    }
 }
 
 /// Half of the light.
@@ -337,7 +392,7 @@ fn sources<E: Send>(
 
 /// The lights of shapes.
 fn areas<E>(description: &SceneDescription, pictures: &dyn Pictures) -> Result<Vec<Source>, SceneError<E>> {
-    let shining = description.shapes.iter().enumerate().filter_map(|(index, placed)| Some((index, placed.emitter.as_ref()?)));
+    let shining = description.surfaces().enumerate().filter_map(|(index, placed)| Some((index, placed.emitter.as_ref()?)));
     let area = |(index, ShapeEmitter::Area(area)): (usize, &ShapeEmitter)| {
         let radiance = area.radiance.texture(pictures).map_err(|error| SceneError::Light(index, error))?;
         Ok(Source::Area { shape: index as u32, radiance })

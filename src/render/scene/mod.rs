@@ -20,6 +20,7 @@ use crate::render::camera::CameraDescription;
 use crate::render::emitter::{DirectionalParameters, EmitterDescription};
 use crate::render::film::{FilmDescription, LayerKind};
 use crate::render::integrator::IntegratorDescription;
+use crate::render::medium::media::MEDIA_LIMIT;
 use crate::render::sampler::SamplerDescription;
 use crate::render::scene::placed::{BsdfChoice, PlacedShape};
 use crate::render::transform;
@@ -43,7 +44,7 @@ pub struct SceneDescription {
     /// BSDFs by name, for use by several shapes.
     #[serde(default)]
     pub materials: BTreeMap<String, BsdfDescription>,
-    /// What rays hit: each entry names one kind of shape, and may have `transform`, `bsdf` and `emitter`.
+    /// What rays hit: each entry names one kind of shape, and may have `transform`, `bsdf`, `emitter` and `medium`.
     #[serde(default)]
     pub shapes: Vec<PlacedShape>,
     /// Light that is no shape's. The map of `env` and the lights of `lights` are there without an entry.
@@ -75,6 +76,7 @@ impl SceneDescription {
         self.film_mistakes(&mut found);
         self.material_mistakes(&mut found);
         self.shape_mistakes(&mut found);
+        self.medium_mistakes(&mut found);
         self.emitter_mistakes(&mut found);
         found
     }
@@ -164,6 +166,44 @@ impl SceneDescription {
         }
     }
 
+    fn medium_mistakes(&self, found: &mut Vec<SceneMistake>) {
+        let mut count = 0;
+        for (index, shape) in self.shapes.iter().enumerate() {
+            let Some(medium) = &shape.medium else { continue };
+            count += 1;
+            let mut add = |part: &str, message: String, hint: &str| {
+                found.push(SceneMistake { field: format!("shapes[{index}]{part}"), message, hint: Some(hint.into()) });
+            };
+            if !self.integrator.follows_media() {
+                add(".medium", "the integrator sees no media".into(), "set `integrator: { volume-path: {} }`");
+            }
+            if count == MEDIA_LIMIT + 1 {
+                add(".medium", format!("a scene has at most {MEDIA_LIMIT} shapes with a medium"), "put densities on a grid");
+            }
+            if !shape.shape.is_closed() {
+                add("", "a medium fills a shape, and this one has no inside".into(), "take a `box`, a `sphere` or a closed mesh");
+            }
+            if let Some((parameter, message)) = medium.contradiction() {
+                add(&format!(".medium.{}.{parameter}", medium.name()).trim_end_matches('.'), message, "see `pipeline stages render`");
+            }
+            if self.is_opaque(shape) {
+                let message = "no light gets through this surface to its medium".to_owned();
+                add("", message, "leave out `bsdf` and `emitter`, or take a `dielectric`");
+            }
+        }
+    }
+
+    /// Whether a shape is a surface through which no light passes.
+    fn is_opaque(&self, shape: &PlacedShape) -> bool {
+        let description = match &shape.bsdf {
+            Some(BsdfChoice::Named(name)) => self.materials.get(name),
+            Some(BsdfChoice::Inline(description)) => Some(description),
+            None => return !shape.is_boundary(),
+        };
+        let material = description.and_then(|description| Material::new(description, DirectionSampling::default()).ok());
+        material.is_some_and(|material| !material.is_transmissive())
+    }
+
     fn unknown_material(&self, name: &str) -> (String, String) {
         let names: Vec<&str> = self.materials.keys().map(String::as_str).collect();
         let hint = match nearest(name, names.iter().copied()) {
@@ -204,6 +244,11 @@ impl SceneDescription {
                 EmitterDescription::Directional(_) | EmitterDescription::Point(_) => {}
             }
         }
+    }
+
+    /// The shapes that are surfaces, which those are not that are boundaries of media alone.
+    pub fn surfaces(&self) -> impl Iterator<Item = &PlacedShape> {
+        self.shapes.iter().filter(|shape| !shape.is_boundary())
     }
 
     /// Whether the map of `env` is asked for by an entry of its own.

@@ -1,4 +1,4 @@
-//! A shape in its place: one kind key, with `transform`, `bsdf` and `emitter` beside it.
+//! A shape in its place: one kind key, with `transform`, `bsdf`, `emitter` and `medium` beside it.
 //!
 //! The kinds are those of [`Shape`]; its schema is spread into this one, so a new shape needs no row here.
 
@@ -14,6 +14,7 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::render::bsdf::BsdfDescription;
 use crate::render::emitter::ShapeEmitter;
+use crate::render::medium::MediumDescription;
 use crate::render::shape::Shape;
 use crate::render::transform::Step;
 
@@ -28,6 +29,8 @@ pub struct PlacedShape {
     pub bsdf: Option<BsdfChoice>,
     /// Light of its own; by default none.
     pub emitter: Option<ShapeEmitter>,
+    /// What fills it; by default nothing.
+    pub medium: Option<MediumDescription>,
 }
 
 /// A BSDF, or the name of one of the scene's materials.
@@ -40,12 +43,17 @@ pub enum BsdfChoice {
 }
 
 /// Keys that any shape may have beside its kind.
-const OWN_KEYS: [&str; 3] = ["transform", "bsdf", "emitter"];
+const OWN_KEYS: [&str; 4] = ["transform", "bsdf", "emitter", "medium"];
 
 impl PlacedShape {
     /// A shape where its own coordinates put it, of the usual BSDF.
     pub fn of(shape: Shape) -> Self {
-        Self { shape, transform: Vec::new(), bsdf: None, emitter: None }
+        Self { shape, transform: Vec::new(), bsdf: None, emitter: None, medium: None }
+    }
+
+    /// Whether it is nothing but the boundary of its medium, and no surface.
+    pub fn is_boundary(&self) -> bool {
+        self.medium.is_some() && self.bsdf.is_none() && self.emitter.is_none()
     }
 }
 
@@ -65,6 +73,9 @@ impl Serialize for PlacedShape {
         if let Some(emitter) = &self.emitter {
             map.serialize_entry("emitter", emitter)?;
         }
+        if let Some(medium) = &self.medium {
+            map.serialize_entry("medium", medium)?;
+        }
         map.end()
     }
 }
@@ -81,17 +92,18 @@ impl<'de> Visitor<'de> for PlacedVisitor {
     type Value = PlacedShape;
 
     fn expecting(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        out.write_str("a shape: one kind with its parameters, and `transform`, `bsdf` or `emitter`")
+        out.write_str("a shape: one kind with its parameters, and `transform`, `bsdf`, `emitter` or `medium`")
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<PlacedShape, A::Error> {
         let mut shape: Option<Shape> = None;
-        let (mut transform, mut bsdf, mut emitter) = (Vec::new(), None, None);
+        let (mut transform, mut bsdf, mut emitter, mut medium) = (Vec::new(), None, None, None);
         while let Some(key) = map.next_key::<String>()? {
             match key.as_str() {
                 "transform" => transform = map.next_value()?,
                 "bsdf" => bsdf = Some(map.next_value()?),
                 "emitter" => emitter = Some(map.next_value()?),
+                "medium" => medium = Some(map.next_value()?),
                 kind => {
                     let found = map.next_value_seed(OfKind(kind))?;
                     if shape.replace(found).is_some() {
@@ -101,7 +113,7 @@ impl<'de> Visitor<'de> for PlacedVisitor {
             }
         }
         let shape = shape.ok_or_else(|| A::Error::custom("the kind of the shape is missing"))?;
-        Ok(PlacedShape { shape, transform, bsdf, emitter })
+        Ok(PlacedShape { shape, transform, bsdf, emitter, medium })
     }
 }
 
@@ -190,10 +202,12 @@ impl JsonSchema for PlacedShape {
         let own = [
             ("Where it is: steps, the first one applied first.", generator.subschema_for::<Vec<Step>>()),
             (
-                "How it scatters light: a BSDF, or the name of a material. Default `diffuse` with a reflectance of 0.5.",
+                "How it scatters light: a BSDF, or the name of a material. Default `diffuse` with a reflectance of 0.5; of a shape \
+                 with a medium alone, none: light passes its surface.",
                 generator.subschema_for::<BsdfChoice>(),
             ),
             ("Light of its own. Default none.", generator.subschema_for::<ShapeEmitter>()),
+            ("What fills it, for the integrator `volume-path`. Default nothing.", generator.subschema_for::<MediumDescription>()),
         ];
         for (name, (description, schema)) in OWN_KEYS.into_iter().zip(own) {
             properties.insert(name.to_owned(), json!({ "description": description, "allOf": [schema] }));
@@ -255,6 +269,7 @@ mod tests {
         for text in [
             r#"{"sphere":{"center":[1.0,2.0,3.0],"radius":2.0},"bsdf":"copper"}"#,
             r#"{"rectangle":{},"transform":[{"translate":[0.0,3.0,0.0]}],"emitter":{"area":{"radiance":[4.0,3.0,1.0]}}}"#,
+            r#"{"box":{"min":[-1.0,-1.0,-1.0],"max":[1.0,1.0,1.0]},"medium":{"homogeneous":{"sigma_t":1.5,"albedo":[0.9,0.8,0.6],"phase":{"henyey-greenstein":{"g":0.6}}}}}"#,
         ] {
             let placed: PlacedShape = serde_json::from_str(text).unwrap();
             assert_eq!(serde_json::to_string(&placed).unwrap(), text);

@@ -158,6 +158,11 @@ impl Geometry {
         self.bounds
     }
 
+    /// The box around one shape.
+    pub fn bounds_of_shape(&self, shape: usize) -> Bounds {
+        self.bounds_of(&self.objects[shape])
+    }
+
     /// Bytes it holds beside the meshes.
     pub fn memory(&self) -> u64 {
         let objects = size_of_val(&*self.objects) as u64;

@@ -77,6 +77,11 @@ impl Shape {
         }
     }
 
+    /// Whether it has an inside.
+    pub fn is_closed(&self) -> bool {
+        !matches!(self, Self::Rectangle(_) | Self::Disk(_))
+    }
+
     /// Its form; `load` gives the mesh that a file or a stage names.
     pub fn form<E: From<ShapeError>>(&self, load: impl FnOnce(&MeshShape) -> Result<Arc<Mesh>, E>) -> Result<Form, E> {
         Ok(match self {

@@ -119,6 +119,11 @@ impl<L: Limits> Number<L> {
     pub fn new(value: f64) -> Option<Self> {
         is_within::<L>(value).then_some(Self(value, PhantomData))
     }
+
+    /// The number.
+    pub fn value(self) -> f64 {
+        self.0
+    }
 }
 
 impl<L: Limits> Value for Number<L> {

@@ -1,0 +1,84 @@
+//! `pipeline report`: a run as a page.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use super::Ending;
+use super::arguments::{ReportCommand, TalkArguments};
+use super::outcomes::counted;
+use super::screen::Screen;
+use super::signals::Interrupt;
+use super::verify::no_run;
+use crate::engine::diagnostic::escape;
+use crate::engine::provenance::runs::{self, FoundRun};
+use crate::engine::run::Places;
+use crate::engine::schedule::bytes_text;
+use crate::engine::store::folder::FolderStore;
+use crate::engine::store::library::Library;
+use crate::report::{self, ReportError, Settings, Written};
+use crate::stages::registry;
+
+/// Makes the page of a run.
+pub fn report(command: &ReportCommand, screen: &Screen) -> Ending {
+    let interrupt = Interrupt::listen();
+    interrupt.is_running.store(true, Ordering::Relaxed);
+    let run = match runs::find(&command.run, &command.places.outputs) {
+        Ok(run) => run,
+        Err(error) => return no_run(&error, screen),
+    };
+    let store = command.places.store.clone().unwrap_or_else(|| run.outputs.clone().unwrap_or_default().join(".store"));
+    let page = command.out.clone().unwrap_or_else(|| report::place_of(&run));
+    match write(&run, store, Settings { page, budget: command.budget }, &interrupt) {
+        Ok(written) => {
+            tell(&written, command.talk, screen);
+            screen.print(&format!("{}\n", escape(&written.page.display().to_string())))
+        }
+        Err(error) => failed(&error, &interrupt, screen),
+    }
+}
+
+/// Makes the page of a run that has just ended, beside its published files.
+pub fn after_run(manifest: &std::path::Path, places: &Places, talk: TalkArguments, interrupt: &Interrupt, screen: &Screen) -> Ending {
+    let run = match runs::read(manifest) {
+        Ok(run) => run,
+        Err(error) => return no_run(&error, screen),
+    };
+    let page = manifest.with_file_name("report.html");
+    match write(&run, places.store.clone(), Settings { page, budget: report::BUDGET }, interrupt) {
+        Ok(written) => {
+            tell(&written, talk, screen);
+            Ending::Done
+        }
+        Err(error) => failed(&error, interrupt, screen),
+    }
+}
+
+fn write(run: &FoundRun, store: PathBuf, settings: Settings, interrupt: &Interrupt) -> Result<Written, ReportError> {
+    let library = Library::new(Arc::new(FolderStore::at(store)));
+    report::write(run, library, &registry(), &settings, &|| interrupt.flag.load(Ordering::Relaxed))
+}
+
+fn tell(written: &Written, talk: TalkArguments, screen: &Screen) {
+    if !written.gone.is_empty() {
+        screen.warning(&format!("{} gone from the store and the outputs; the page says which", counted(written.gone.len(), "result")));
+    }
+    if talk.quiet {
+        return;
+    }
+    let beside = match written.beside {
+        0 => String::new(),
+        count => format!("; {} beside it in {}", counted(count, "file"), written.folder.display()),
+    };
+    screen.say(&format!("report: {}, {}{}\n", escape(&written.page.display().to_string()), bytes_text(written.bytes), escape(&beside)));
+}
+
+fn failed(error: &ReportError, interrupt: &Interrupt, screen: &Screen) -> Ending {
+    match error {
+        ReportError::Interrupted => interrupt.ending(),
+        ReportError::System(error) => {
+            screen.error(&error.to_string(), None);
+            Ending::System
+        }
+    }
+}
