@@ -68,9 +68,10 @@ impl Phase {
     #[inline]
     pub fn value(&self, way: Vec3, to: Vec3) -> f32 {
         let g = self.g;
-        // 1 - cos from the chord, since the difference would lose the digits of small angles.
-        let chord_squared = f64::from((way - to).length_squared());
-        let base = (1.0 - g) * (1.0 - g) + g * chord_squared;
+        // From the chord to the middle of the lobe, since 1 + g² - 2 g cos would lose the digits of small angles.
+        let middle = if g < 0.0 { -way } else { way };
+        let chord_squared = f64::from((middle - to).length_squared());
+        let base = (1.0 - g.abs()) * (1.0 - g.abs()) + g.abs() * chord_squared;
         ((1.0 - g * g) / (4.0 * PI * base * base.sqrt())) as f32
     }
 
