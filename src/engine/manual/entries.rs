@@ -76,18 +76,23 @@ pub fn description(schema: &Json) -> Option<&str> {
 
 /// The parameters of a schema, in the order in which they were written.
 pub fn entries(root: &Json, schema: &Json, within: Within) -> Vec<Entry> {
+    entries_of(root, schema, within, &mut Vec::new())
+}
+
+/// The parameters of a schema; `told` are the fields in which it is.
+fn entries_of(root: &Json, schema: &Json, within: Within, told: &mut Vec<*const Json>) -> Vec<Entry> {
     let schema = resolved(root, schema);
     let required: Vec<&str> = schema.get("required").and_then(Json::as_array).into_iter().flatten().filter_map(Json::as_str).collect();
     let fields = schema.get("properties").and_then(Json::as_object).into_iter().flatten();
-    fields.map(|(name, field)| entry(root, name, field, required.contains(&name.as_str()), within)).collect()
+    fields.map(|(name, field)| entry(root, name, field, required.contains(&name.as_str()), within, told)).collect()
 }
 
-fn entry(root: &Json, name: &str, field: &Json, is_required: bool, within: Within) -> Entry {
+fn entry(root: &Json, name: &str, field: &Json, is_required: bool, within: Within, told: &mut Vec<*const Json>) -> Entry {
     let about = description(field).or_else(|| description(resolved(root, field))).unwrap_or_default();
     let (inner, elsewhere) = match within {
         Within::Here(0) => (Vec::new(), Vec::new()),
-        Within::Here(depth) => (entries_within(root, field, Within::Here(depth - 1)), Vec::new()),
-        Within::Elsewhere => entries_or_names(root, field),
+        Within::Here(depth) => (entries_within(root, field, Within::Here(depth - 1), told), Vec::new()),
+        Within::Elsewhere => entries_or_names(root, field, told),
     };
     Entry {
         name: name.to_owned(),
@@ -99,23 +104,31 @@ fn entry(root: &Json, name: &str, field: &Json, is_required: bool, within: Withi
     }
 }
 
-/// The fields of a field: of a map, of the items of a list, of each alternative.
-fn entries_within(root: &Json, field: &Json, within: Within) -> Vec<Entry> {
-    if role_of(root, field).is_some() {
+/// The fields of a field: of a map, of the items of a list, of each alternative. What stands in itself, as a BSDF in a
+/// BSDF, is told once.
+fn entries_within(root: &Json, field: &Json, within: Within, told: &mut Vec<*const Json>) -> Vec<Entry> {
+    let here = std::ptr::from_ref(resolved(root, field));
+    if role_of(root, field).is_some() || told.contains(&here) {
         return Vec::new();
     }
-    let own = entries(root, field, within);
-    let chosen = alternatives(root, field).into_iter().flat_map(|inner| entries(root, inner, within));
-    let listed = resolved(root, field).get("items").into_iter().flat_map(|items| entries_within(root, items, within));
-    own.into_iter().chain(chosen).chain(listed).collect()
+    told.push(here);
+    let mut inner = entries_of(root, field, within, told);
+    for alternative in alternatives(root, field) {
+        inner.extend(entries_of(root, alternative, within, told));
+    }
+    if let Some(items) = resolved(root, field).get("items") {
+        inner.extend(entries_within(root, items, within, told));
+    }
+    told.pop();
+    inner
 }
 
 /// What is within a field, unless definitions have it; their names then.
-fn entries_or_names(root: &Json, field: &Json) -> (Vec<Entry>, Vec<String>) {
+fn entries_or_names(root: &Json, field: &Json, told: &mut Vec<*const Json>) -> (Vec<Entry>, Vec<String>) {
     let mut names = Vec::new();
     definitions_of(field, &mut names);
     names.retain(|name| has_fields(root, &root["definitions"][name]));
-    if names.is_empty() { (entries_within(root, field, Within::Elsewhere), names) } else { (Vec::new(), names) }
+    if names.is_empty() { (entries_within(root, field, Within::Elsewhere, told), names) } else { (Vec::new(), names) }
 }
 
 /// The definitions that a schema refers to, outside the fields of maps.
