@@ -421,7 +421,7 @@ fn previews(group: &[Entry<'_>], results: &Results<'_>, width: usize) -> Vec<Opt
     let is_error = group[0].entry.kind == COMPARING_KIND;
     let width = if group[0].entry.kind == SHEET_KIND { width.max(WIDTHS[0]) * 2 } else { width };
     let mut stops = None;
-    let mut made = |entry: &Entry<'_>| match results.content(entry.entry, entry.result)? {
+    let made = |entry: &Entry<'_>| match results.content(entry.entry, entry.result)? {
         Content::Linear(image) => {
             let preview = preview(&image, Look { width, stops, is_error });
             if preview.statistics.max.is_some_and(|max| max > 0.0) {
@@ -432,7 +432,7 @@ fn previews(group: &[Entry<'_>], results: &Results<'_>, width: usize) -> Vec<Opt
         Content::Display(picture) => Some(preview_of_picture(&picture, width)),
         _ => None,
     };
-    group.iter().map(|entry| made(entry)).collect()
+    group.iter().map(made).collect()
 }
 
 fn axes(group: &[Entry<'_>]) -> Vec<String> {

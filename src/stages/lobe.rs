@@ -78,6 +78,7 @@ fn usual_step() -> f64 {
 /// What draws directions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[expect(clippy::large_enum_variant, reason = "a scene has few, and most are of the large variants")]
 pub enum Measured {
     /// A BSDF, as in a scene.
     Bsdf(BsdfDescription),

@@ -16,7 +16,7 @@ stages:
   sphere: { relight: { env: env, with: samples, size: 31 }, save: exr }
   exact: { relight: { env: env, estimator: exact, size: 31 }, save: pfm }
   ldr: { tone-map: { of: sphere, gamma: $gamma }, save: png }
-  error: { compare: { of: sphere, to: exact, metrics: [rmse], map: abs } }
+  error: { compare: { of: sphere, to: exact, metrics: [rmse], map: rmse } }
   curve: { plot: { of: error, x: n, y: [rmse], title: $label }, save: svg }
   errors: { table: { of: error }, save: csv }
 "#;

@@ -17,6 +17,7 @@ use crate::render::texture::parameter::{Pictures, Unread};
 
 /// The BSDF of a shape: ask it at a hit for the [`Bsdf`] there.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a scene has few, and most are of the large variants")]
 pub enum Material {
     /// One lobe.
     Single(SingleMaterial),
@@ -37,6 +38,7 @@ pub struct SingleMaterial {
 }
 
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a scene has few, and most are of the large variants")]
 enum SingleKind {
     Diffuse(DiffuseMaterial),
     Mirror(MirrorMaterial),

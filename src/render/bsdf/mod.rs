@@ -49,6 +49,7 @@ use crate::render::texture::bitmap::TexelError;
 /// How a surface scatters light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[expect(clippy::large_enum_variant, reason = "a scene has few, and most are of the large variants")]
 pub enum BsdfDescription {
     /// Equally bright from all sides (Lambert).
     Diffuse(DiffuseParameters),

@@ -184,7 +184,7 @@ impl SceneDescription {
                 add("", "a medium fills a shape, and this one has no inside".into(), "take a `box`, a `sphere` or a closed mesh");
             }
             if let Some((parameter, message)) = medium.contradiction() {
-                add(&format!(".medium.{}.{parameter}", medium.name()).trim_end_matches('.'), message, "see `pipeline stages render`");
+                add(format!(".medium.{}.{parameter}", medium.name()).trim_end_matches('.'), message, "see `pipeline stages render`");
             }
             if self.is_opaque(shape) {
                 let message = "no light gets through this surface to its medium".to_owned();

@@ -35,6 +35,7 @@ pub struct PlacedShape {
 
 /// A BSDF, or the name of one of the scene's materials.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a scene has few, and most are of the large variants")]
 pub enum BsdfChoice {
     /// The name of a material.
     Named(String),
