@@ -147,7 +147,11 @@ fn mistakes_of_a_scene_of_mitsuba_have_its_lines() {
     space.pipeline(&PIPELINE.replace("still.yaml", "still.xml"));
     for (right, wrong, expected) in [
         ("type=\"sphere\"", "type=\"shpere\"", "scenes/still.xml:7: `<shape type=\"shpere\">` is not read; did you mean `sphere`?"),
-        ("value=\"0.8\"", "value=\"1.8\"", "scenes/still.xml:7: `scene.shapes[0].bsdf.diffuse.reflectance[0]` must be a number from 0 to 1"),
+        (
+            "value=\"0.8\"",
+            "value=\"1.8\"",
+            "scenes/still.xml:7: `scene.shapes[0].bsdf.diffuse.reflectance[0]` must be a number from 0 to 1",
+        ),
         ("pyramid.obj", "pyramide.obj", "scenes/still.xml:8: input file `pyramide.obj`: no such file; did you mean `pyramid.obj`?"),
         ("</sensor>", "", "scenes/still.xml:10: not well-formed XML"),
     ] {
