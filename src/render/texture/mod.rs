@@ -11,6 +11,8 @@ pub mod parameter;
 pub mod stripes;
 pub mod value;
 
+use std::ops::{Add, Mul, Sub};
+
 use glam::{Vec2, Vec3};
 
 use crate::image::color::luminance;
@@ -71,17 +73,26 @@ pub enum Texture<T> {
 }
 
 /// What a texture consists of.
-pub trait Texel: Copy {
+pub trait Texel: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<f32, Output = Self> {
     /// Of a color.
     fn of_color(color: Vec3) -> Self;
     /// Of coordinates.
     fn of_uv(uv: Vec2) -> Self;
     /// `self` + (`other` - `self`) `share`.
-    fn mixed(self, other: Self, share: f32) -> Self;
+    #[inline]
+    fn mixed(self, other: Self, share: f32) -> Self {
+        self + (other - self) * share
+    }
     /// Times a number.
-    fn scaled(self, factor: f32) -> Self;
+    #[inline]
+    fn scaled(self, factor: f32) -> Self {
+        self * factor
+    }
     /// `self` - `other`.
-    fn less(self, other: Self) -> Self;
+    #[inline]
+    fn less(self, other: Self) -> Self {
+        self - other
+    }
     /// Each number cut to that range.
     fn clamped(self, least: f32, greatest: f32) -> Self;
     /// A number that is not in that range, if there is one.
@@ -99,21 +110,6 @@ impl Texel for f32 {
     /// u alone.
     fn of_uv(uv: Vec2) -> Self {
         uv.x
-    }
-
-    #[inline]
-    fn mixed(self, other: Self, share: f32) -> Self {
-        self + (other - self) * share
-    }
-
-    #[inline]
-    fn scaled(self, factor: f32) -> Self {
-        self * factor
-    }
-
-    #[inline]
-    fn less(self, other: Self) -> Self {
-        self - other
     }
 
     #[inline]
@@ -135,21 +131,6 @@ impl Texel for Vec3 {
     /// Red is u, green is v.
     fn of_uv(uv: Vec2) -> Self {
         uv.extend(0.0)
-    }
-
-    #[inline]
-    fn mixed(self, other: Self, share: f32) -> Self {
-        self + (other - self) * share
-    }
-
-    #[inline]
-    fn scaled(self, factor: f32) -> Self {
-        self * factor
-    }
-
-    #[inline]
-    fn less(self, other: Self) -> Self {
-        self - other
     }
 
     #[inline]
