@@ -6,6 +6,10 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::catalogue::nearest;
+use crate::engine::diagnostic::listed;
+use crate::engine::executor::EXECUTORS;
+use crate::engine::quantity;
 use crate::engine::request::{JOB_LIMIT, Request};
 use crate::engine::run::Places;
 
@@ -65,6 +69,12 @@ pub enum Command {
     Which(WhichCommand),
     /// Run again whenever the pipeline file, an include or an input changes
     Watch(WatchCommand),
+    /// Compute jobs of a run that another process drives
+    Worker(WorkerCommand),
+    /// Show how far a run with workers is
+    Status(StatusCommand),
+    /// End a run with workers
+    Cancel(CancelCommand),
     /// Write a small pipeline with comments, to begin with
     Init(InitCommand),
     /// Look after the store
@@ -106,6 +116,7 @@ impl PipelineArguments {
             only: targets.only.clone(),
             force: targets.force.clone(),
             max_jobs: self.max_jobs,
+            texts: None,
             inputs: None,
         }
     }
@@ -214,6 +225,90 @@ pub struct ShowArguments {
     pub view: Option<String>,
 }
 
+/// Who computes the jobs of a run.
+#[derive(Debug, Clone, Args)]
+pub struct TeamArguments {
+    /// Who computes: threads of this process, processes, slurm, or manual (workers that you start)
+    #[arg(long, value_name = "NAME", default_value = THREADS, value_parser = executor_name)]
+    pub executor: String,
+    /// Most workers at once, of each class of resources
+    #[arg(long, value_name = "W", default_value = "2")]
+    pub workers: NonZeroUsize,
+    /// What the site asks for: the name of a file in ~/.config/pipeline/profiles, or a path
+    #[arg(long, value_name = "NAME")]
+    pub profile: Option<String>,
+}
+
+/// The executor that needs no workers.
+pub const THREADS: &str = "threads";
+
+fn executor_name(text: &str) -> Result<String, String> {
+    let names: Vec<&str> = std::iter::once(THREADS).chain(EXECUTORS.iter().map(|row| row.name)).collect();
+    if names.contains(&text) {
+        return Ok(text.to_owned());
+    }
+    let near = nearest(text, names.iter().copied()).map(|name| format!("did you mean `{name}`? ")).unwrap_or_default();
+    let known: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+    Err(format!("{near}they are {}", listed(&known, "and")))
+}
+
+/// Arguments of `worker`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline worker --run /shared/outputs/light/runs/team-0f3a5b7c9d1e      on each machine that is to help
+  pipeline worker --run FOLDER --stop-after 55m                           where a job may run for an hour")]
+pub struct WorkerCommand {
+    /// The run's folder, which `pipeline run` names
+    #[arg(long, value_name = "FOLDER")]
+    pub run: PathBuf,
+    /// Take only jobs that ask for no more than this class of the run has
+    #[arg(long, value_name = "N")]
+    pub class: Option<usize>,
+    /// Name of the worker in the run's folder [default: the machine's name and the process]
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// Begin no more jobs after this time, as 55m or 2h
+    #[arg(long, value_name = "TIME", value_parser = quantity::duration)]
+    pub stop_after: Option<Duration>,
+    /// How much of the machine to take.
+    #[command(flatten)]
+    pub machine: MachineArguments,
+    /// How much to say.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+}
+
+/// Arguments of `status`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline status light                           the run of this pipeline that was begun last
+  pipeline status 0f3a5b7c9d1e --format json | jq .jobs")]
+pub struct StatusCommand {
+    /// The run: its id, its folder, or the name of a pipeline (its last run with workers)
+    pub run: String,
+    /// Where the run writes.
+    #[arg(long, value_name = "DIR", env = "PIPELINE_OUTPUTS", default_value = "outputs")]
+    pub outputs: PathBuf,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `cancel`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline cancel light      what is done stays in the store; `pipeline run` goes on from there")]
+pub struct CancelCommand {
+    /// The run: its id, its folder, or the name of a pipeline (its last run with workers)
+    pub run: String,
+    /// Where the run writes.
+    #[arg(long, value_name = "DIR", env = "PIPELINE_OUTPUTS", default_value = "outputs")]
+    pub outputs: PathBuf,
+}
+
 /// Arguments of `run`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -222,7 +317,8 @@ Examples:
   pipeline run light.yaml -s map=sky.hdr -a n=16,64   with another map and another sweep
   pipeline run light.yaml --only 'sphere[n=64]'     one result and what it needs
   pipeline run light.yaml -k -j 4 --memory 2GiB     go on after a failure, on 4 threads
-  pipeline run light.yaml --format json | jq .measured")]
+  pipeline run light.yaml --format json | jq .measured
+  pipeline run light.yaml --executor slurm --workers 50 --profile hpc   on a cluster: see docs/cluster.md")]
 pub struct RunCommand {
     /// What `plan` asks too.
     #[command(flatten)]
@@ -239,6 +335,9 @@ pub struct RunCommand {
     /// Write what happens to a file, one JSON object a line
     #[arg(long, value_name = "FILE")]
     pub events: Option<PathBuf>,
+    /// Who computes.
+    #[command(flatten)]
+    pub team: TeamArguments,
     /// What is made beside the published files.
     #[command(flatten)]
     pub show: ShowArguments,
@@ -408,7 +507,7 @@ pub struct ReportCommand {
     #[arg(short, long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// How large the page may get before pixels go into files beside it, as 24MiB or 2GiB
-    #[arg(long, value_name = "SIZE", value_parser = super::machine::byte_size, default_value = "24MiB")]
+    #[arg(long, value_name = "SIZE", value_parser = quantity::byte_size, default_value = "24MiB")]
     pub budget: u64,
     /// Where the run wrote.
     #[command(flatten)]
@@ -568,17 +667,17 @@ pub struct GcCommand {
     #[command(flatten)]
     pub store: StoreArguments,
     /// Remove what was not used for longest until so much is left, as 512MiB or 4GiB
-    #[arg(long, value_name = "SIZE", value_parser = super::machine::byte_size)]
+    #[arg(long, value_name = "SIZE", value_parser = quantity::byte_size)]
     pub max_size: Option<u64>,
     /// Remove what was not used for so long, as 90m, 12h, 30d or 8w
-    #[arg(long, value_name = "AGE", value_parser = super::machine::duration)]
+    #[arg(long, value_name = "AGE", value_parser = quantity::duration)]
     pub older_than: Option<Duration>,
     /// Keep what the last N runs of each pipeline below the folder of outputs made or used; alone, remove the rest, with the
     /// folders of other runs but that of the run whose results stand
     #[arg(long, value_name = "N")]
     pub keep_last: Option<usize>,
     /// Keep what was written or used so lately, since a running pipeline may count on it
-    #[arg(long, value_name = "AGE", default_value = "1h", value_parser = super::machine::duration)]
+    #[arg(long, value_name = "AGE", default_value = "1h", value_parser = quantity::duration)]
     pub grace: Duration,
     /// Show what would go, and remove nothing
     #[arg(short = 'n', long)]

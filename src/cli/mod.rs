@@ -16,6 +16,7 @@ mod screen;
 mod shell;
 mod signals;
 mod store;
+mod team;
 mod verify;
 mod viewing;
 mod watch;
@@ -83,6 +84,9 @@ fn execute(arguments: Arguments, screen: &Screen) -> Ending {
         Command::Diff(command) => diff::diff(&command, screen),
         Command::Which(command) => which::which(&command, screen),
         Command::Watch(command) => watch::watch(&command, screen),
+        Command::Worker(command) => team::worker(&command, screen),
+        Command::Status(command) => team::status(&command, screen),
+        Command::Cancel(command) => team::cancel(&command, screen),
         Command::Init(command) => init::init(&command, screen),
         Command::Completions(command) => shell::completions(&command, screen),
         Command::Man(command) => shell::man(&command, screen),

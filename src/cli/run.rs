@@ -9,6 +9,7 @@ use super::arguments::{MachineArguments, PlanFormat, RunCommand, TalkArguments};
 use super::progress::Progress;
 use super::screen::{Screen, json_text};
 use super::signals::Interrupt;
+use super::team::Team;
 use super::viewing::Viewer;
 use crate::engine::diagnostic::escape;
 use crate::engine::events::{Event, Failure, Listener};
@@ -28,8 +29,15 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
         return Ending::Refused;
     }
     let interrupt = Interrupt::listen();
-    let manner =
-        Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk, view: command.show.view.clone() };
+    let team = match Team::of(&command.team) {
+        Ok(team) => team,
+        Err(error) => {
+            screen.error(&error, None);
+            return Ending::Refused;
+        }
+    };
+    let (talk, view) = (command.work.talk, command.show.view.clone());
+    let manner = Manner { machine: command.machine, keep_going: command.keep_going, talk, view, team };
     let (request, places) = (command.work.request(), command.work.places.places());
     let finish = |summary: &Summary| {
         let ending = conclude(manner.talk, command.format, summary, &interrupt, screen);
@@ -62,7 +70,7 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
             return Ending::System;
         }
     };
-    let result = execute(graph, &registry, &places, &manner, events, &interrupt, screen);
+    let result = execute(graph, &request, &registry, &places, &manner, events, &interrupt, screen);
     match result {
         Ok(summary) => finish(&summary),
         Err(error) => refuse(&error, command.format == PlanFormat::Json, screen),
@@ -95,10 +103,13 @@ pub struct Manner {
     pub talk: TalkArguments,
     /// Where a viewer may listen.
     pub view: Option<String>,
+    /// Who computes, where that is not this process.
+    pub team: Option<Team>,
 }
 
 impl Manner {
-    fn settings(&self) -> Settings {
+    /// How much of the machine to take, and whether to go on after a failure.
+    pub fn settings(&self) -> Settings {
         Settings { threads: self.machine.threads(), memory: self.machine.memory(), keep_going: self.keep_going, start_pool }
     }
 }
@@ -113,15 +124,17 @@ fn execute_from_memory(
 ) -> Result<Option<Summary>, RunError> {
     let settings = manner.settings();
     let progress = Progress::new(screen, manner.talk, settings.threads);
-    let mut listener = Listeners { interrupt: interrupt.clone(), progress, events: None, viewer: None };
+    let mut listener = Listeners::new(interrupt, progress);
     let result = run::memory::run(request, places, settings, &interrupt.flag, &mut listener);
     listener.progress.end();
     Ok(result?)
 }
 
 /// Runs a graph with progress on the screen and events in a file.
+#[expect(clippy::too_many_arguments, reason = "joins what a run is made of, once for each command that runs")]
 pub fn execute(
     graph: Graph,
+    request: &Request,
     registry: &Registry,
     places: &Places,
     manner: &Manner,
@@ -134,7 +147,8 @@ pub fn execute(
     let progress = Progress::new(screen, manner.talk, settings.threads);
     let viewer = manner.view.as_ref().and_then(|address| Viewer::connect(address, places.outputs.join(&graph.pipeline)));
     let mut listener = Listeners { interrupt: interrupt.clone(), progress, events, viewer };
-    let result = run::run(graph, registry, places, settings, interrupt.flag.clone(), &mut listener);
+    let hiring = manner.team.as_ref().map(|team| team.hiring(request, &manner.machine, manner.talk, screen));
+    let result = run::run(graph, registry, places, settings, interrupt.flag.clone(), hiring, &mut listener);
     listener.progress.end();
     listener.viewer.into_iter().for_each(Viewer::end);
     result
@@ -171,6 +185,9 @@ pub fn conclude(talk: TalkArguments, format: PlanFormat, summary: &Summary, inte
     if let Some(error) = &summary.system_error {
         screen.error(&error.to_string(), None);
     }
+    if let Some(error) = &summary.no_workers {
+        screen.error(&error.message, error.hint.as_deref());
+    }
     if !talk.quiet {
         screen.say(&format!("{}\n", summary_text(summary)));
     }
@@ -180,7 +197,7 @@ pub fn conclude(talk: TalkArguments, format: PlanFormat, summary: &Summary, inte
         format!("{}\n", escape(&summary.manifest.display().to_string()))
     };
     let printed = screen.print(&text);
-    let is_of_the_system = summary.system_error.is_some() || summary.failures.iter().any(|failure| failure.is_of_the_system);
+    let is_of_the_system = summary.system_error.is_some() || summary.no_workers.is_some() || summary.failures.iter().any(|failure| failure.is_of_the_system);
     match summary.status {
         Status::Interrupted => interrupt.ending(),
         _ if is_of_the_system => Ending::System,
@@ -226,11 +243,23 @@ fn summary_json(summary: &Summary) -> serde_json::Value {
 }
 
 /// All that hear of events.
-struct Listeners {
+pub struct Listeners {
     interrupt: Interrupt,
     progress: Progress,
     events: Option<BufWriter<File>>,
     viewer: Option<Viewer>,
+}
+
+impl Listeners {
+    /// Progress alone.
+    pub fn new(interrupt: &Interrupt, progress: Progress) -> Self {
+        Self { interrupt: interrupt.clone(), progress, events: None, viewer: None }
+    }
+
+    /// Takes the progress away from the screen.
+    pub fn end(&mut self) {
+        self.progress.end();
+    }
 }
 
 impl Listener for Listeners {

@@ -15,6 +15,8 @@ use super::Ending;
 pub struct Interrupt {
     /// Set when the run is to end.
     pub flag: Arc<AtomicBool>,
+    /// Set when no more is to be begun: SIGUSR1, which only a worker listens to.
+    pub leaving: Arc<AtomicBool>,
     /// Set while there is something to end in good order.
     pub is_running: Arc<AtomicBool>,
     signal: Arc<AtomicU8>,
@@ -23,8 +25,17 @@ pub struct Interrupt {
 impl Interrupt {
     /// From now on signals are taken note of. To be called before any other thread starts.
     pub fn listen() -> Self {
+        Self::listen_to(&[Signal::SIGINT, Signal::SIGTERM])
+    }
+
+    /// The same for a worker, which is told by SIGUSR1 that its time is nearly over.
+    pub fn listen_as_worker() -> Self {
+        Self::listen_to(&[Signal::SIGINT, Signal::SIGTERM, Signal::SIGUSR1])
+    }
+
+    fn listen_to(signals: &[Signal]) -> Self {
         let interrupt = Self::default();
-        let signals: SigSet = [Signal::SIGINT, Signal::SIGTERM].into_iter().collect();
+        let signals: SigSet = signals.iter().copied().collect();
         // If it cannot be held back, it ends the process as it ends any other.
         let _ = SigSet::from(Signal::SIGXFSZ).thread_block();
         if signals.thread_block().is_ok() {
@@ -37,6 +48,10 @@ impl Interrupt {
 
     fn wait_for(&self, signals: &SigSet) {
         while let Ok(signal) = signals.wait() {
+            if signal == Signal::SIGUSR1 {
+                self.leaving.store(true, Ordering::Relaxed);
+                continue;
+            }
             let number = signal as i32 as u8;
             self.signal.store(number, Ordering::Relaxed);
             let is_second = self.flag.swap(true, Ordering::Relaxed);
@@ -49,6 +64,7 @@ impl Interrupt {
 
     /// How an interrupted run ends.
     pub fn ending(&self) -> Ending {
-        Ending::Interrupted(self.signal.load(Ordering::Relaxed))
+        // A run that `pipeline cancel` ended has heard no signal.
+        Ending::Interrupted(Some(self.signal.load(Ordering::Relaxed)).filter(|signal| *signal != 0).unwrap_or(Signal::SIGTERM as i32 as u8))
     }
 }

@@ -91,9 +91,9 @@ fn run_again(
         Ending::Refused
     })?;
     // What failed in the recorded run may fail again; everything else is compared.
-    let manner = Manner { machine: command.machine, keep_going: true, talk: command.talk, view: None };
+    let manner = Manner { machine: command.machine, keep_going: true, talk: command.talk, view: None, team: None };
     let places = scratch.places();
-    let summary = execute(graph, &registry, &places, &manner, None, interrupt, screen)
+    let summary = execute(graph, scratch.request(), &registry, &places, &manner, None, interrupt, screen)
         .map_err(|error| refuse(&error, command.format == Format::Json, screen))?;
     match runs::read(&summary.manifest) {
         Ok(again) => Ok((again.manifest, summary)),

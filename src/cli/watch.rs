@@ -34,7 +34,7 @@ pub fn watch(command: &WatchCommand, screen: &Screen) -> Ending {
     let interrupt = Interrupt::listen();
     let registry = registry();
     let view = command.show.view.clone();
-    let manner = Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk, view };
+    let manner = Manner { machine: command.machine, keep_going: command.keep_going, talk: command.work.talk, view, team: None };
     loop {
         let (graph, warnings) = match built(command, &registry, screen) {
             Ok(built) => built,
@@ -49,7 +49,7 @@ pub fn watch(command: &WatchCommand, screen: &Screen) -> Ending {
         }
         let files = watched(&graph);
         let before = stamps(&files);
-        match execute(graph, &registry, &command.work.places.places(), &manner, None, &interrupt, screen) {
+        match execute(graph, &command.work.request(), &registry, &command.work.places.places(), &manner, None, &interrupt, screen) {
             Ok(summary) if summary.status == Status::Interrupted => {
                 return conclude(command.work.talk, PlanFormat::Text, &summary, &interrupt, screen);
             }

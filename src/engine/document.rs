@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use super::diagnostic::quoted;
 use super::reference::is_stage_name;
 use super::registry::{Kind, Registry};
-use super::source::{Finding, Findings, Place, Sources, did_you_mean, read_text, without_dots};
+use super::resources::{self, Resources};
+use super::source::{Finding, Findings, Place, Sources, did_you_mean, without_dots};
 use super::substitution::is_name;
 use super::yaml::{Entry, Node, Value, parse};
 use crate::catalogue::nearest;
@@ -45,12 +46,14 @@ pub struct StageEntry<'r> {
     pub exclude: Option<Node>,
     /// The text of `about:`.
     pub about: Option<String>,
+    /// What `resources:` asks for.
+    pub resources: Resources,
 }
 
 const TOP_KEYS: [&str; 7] = ["version", "pipeline", "seed", "params", "axes", "stages", "include"];
 /// Keys of an included file.
 const INCLUDED_KEYS: [&str; 5] = ["version", "params", "axes", "stages", "include"];
-const STAGE_KEYS: [&str; 3] = ["save", "exclude", "about"];
+const STAGE_KEYS: [&str; 4] = ["save", "exclude", "about", "resources"];
 /// Deepest chain of includes.
 const INCLUDE_LIMIT: usize = 128;
 
@@ -84,10 +87,10 @@ struct Reader<'a, 'r> {
 
 impl<'r> Reader<'_, 'r> {
     fn first_file(&mut self, file: &Path) -> Option<Document<'r>> {
-        let text = read_text(file);
+        let text = self.sources.read_text(file);
         let index = self.sources.add_file(file, String::new());
         let text = self.text_or_finding(text, Place::of_file(index), "")?;
-        *self.sources = Sources::default();
+        self.sources.clear();
         let index = self.sources.add_file(file, text);
         let canonical = file.canonicalize().unwrap_or_else(|_| file.to_owned());
         self.root = canonical.parent().map(Path::to_owned).unwrap_or_default();
@@ -272,6 +275,7 @@ impl<'r> Reader<'_, 'r> {
             save: None,
             exclude: None,
             about: None,
+            resources: Resources::default(),
         };
         let Value::Map(entries) = &entry.node.value else {
             let message = format!("a stage is a map with one kind, found {}", entry.node.described());
@@ -284,6 +288,7 @@ impl<'r> Reader<'_, 'r> {
             match &*part.key {
                 "save" => stage.save = Some(part.node.clone()),
                 "exclude" => stage.exclude = Some(part.node.clone()),
+                "resources" => stage.resources = resources::read(&part.node, &name, self.findings),
                 _ => stage.about = self.about(&part.node, &name),
             }
         }
@@ -329,7 +334,7 @@ impl<'r> Reader<'_, 'r> {
             let known = if kinds.is_empty() {
                 format!("the kinds are {}", self.kinds_listed())
             } else {
-                "a stage has one kind, and `save`, `exclude`, `about`".to_owned()
+                "a stage has one kind, and `save`, `exclude`, `about`, `resources`".to_owned()
             };
             findings.push(Finding::error(part.place, format!("{what} {}", quoted(&part.key))).with_hint(hint.or(Some(known))));
         }
@@ -406,7 +411,7 @@ impl<'r> Reader<'_, 'r> {
             return self.findings.add(error(format!("includes are nested deeper than the limit of {INCLUDE_LIMIT}")));
         }
         let subject = format!("`include` {}", quoted(path));
-        let text = read_text(&joined);
+        let text = self.sources.read_text(&joined);
         let Some(text) = self.text_or_finding(text, place, &subject) else {
             return;
         };

@@ -9,6 +9,7 @@ use serde_json::Value as Json;
 
 use super::artifact::TypeName;
 use super::coordinate::{Coordinate, Scalar};
+use super::resources::Resources;
 use super::stage::AnyStage;
 
 /// A checked pipeline, ready to be planned.
@@ -40,6 +41,8 @@ pub struct Graph {
 pub struct Source {
     /// Path relative to the folder of the pipeline file.
     pub path: String,
+    /// Path under which it was read.
+    pub read_as: PathBuf,
     /// Its whole text.
     pub text: String,
 }
@@ -54,6 +57,8 @@ pub struct StageNode {
     pub version: u32,
     /// The text of `about:`.
     pub about: Option<String>,
+    /// What each of its jobs asks of the machine.
+    pub resources: Resources,
     /// File and line (from 1) of its entry.
     pub place: (String, usize),
     /// Its axes, in order of declaration.

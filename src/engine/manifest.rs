@@ -156,7 +156,7 @@ pub struct JobEntry {
 }
 
 /// What a job cost.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JobMeasured {
     /// Time from start to result.
     pub seconds: f64,
@@ -168,6 +168,9 @@ pub struct JobMeasured {
     /// The job thread it ran on, from 0; likewise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thread: Option<u32>,
+    /// Name of the machine whose worker computed it; only of runs with workers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub host: Option<String>,
 }
 
 /// A result on a port.

@@ -11,6 +11,7 @@ pub mod diagnostic;
 pub mod digest;
 pub mod document;
 pub mod events;
+pub mod executor;
 pub mod files;
 pub mod freshness;
 pub mod graph;
@@ -24,10 +25,12 @@ pub mod owner;
 pub mod parameter;
 pub mod provenance;
 pub mod publish;
+pub mod quantity;
 pub mod reference;
 pub mod registry;
 pub mod relation;
 pub mod request;
+pub mod resources;
 pub mod run;
 pub mod save;
 pub mod schedule;
@@ -39,6 +42,7 @@ pub mod store;
 pub mod substitution;
 pub mod sweep;
 pub mod system;
+pub mod team;
 pub mod yaml;
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use serde_json::{Map, Value as Json, json};
 
@@ -9,7 +10,7 @@ use super::coordinate::Coordinate;
 use super::diagnostic::quoted;
 use super::document::Document;
 use super::manifest::coordinate_text;
-use super::source::{Finding, Findings, Place, Sources, did_you_mean};
+use super::source::{Finding, Findings, Place, Sources, Texts, did_you_mean};
 use super::yaml::{Entry, Node, Value, parse, plain};
 use crate::catalogue::nearest;
 
@@ -33,6 +34,8 @@ pub struct Request {
     pub force: Vec<String>,
     /// Most jobs.
     pub max_jobs: u64,
+    /// The texts of the pipeline's files, where they are not to be read from the disk. The same text says the same.
+    pub texts: Option<Arc<Texts>>,
     /// Where the input files of a recorded run lie now; what the pipeline's text says of their paths does not count then.
     pub inputs: Option<BTreeMap<InputPlace, RecordedInput>>,
 }
@@ -77,13 +80,14 @@ impl Request {
             only: Vec::new(),
             force: Vec::new(),
             max_jobs: JOB_LIMIT,
+            texts: None,
             inputs: None,
         }
     }
 
     /// All that was asked as one text: equal for equal requests from the same folder.
     pub fn identity(&self) -> String {
-        let Self { file, parameters, axes, seed, only, force, max_jobs, inputs } = self;
+        let Self { file, parameters, axes, seed, only, force, max_jobs, texts: _, inputs } = self;
         let folder = std::env::current_dir().unwrap_or_default();
         format!("{:?}", (folder, file, parameters, axes, seed, only, force, max_jobs, inputs))
     }

@@ -7,6 +7,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 
 use super::diagnostic::{Diagnostic, Severity, escape, excerpt, shortened};
 
@@ -125,6 +126,8 @@ impl Findings {
 pub struct SourceText {
     /// Name in messages.
     pub shown: String,
+    /// Path under which it was read; empty for an argument.
+    pub path: PathBuf,
     /// The folder to which its paths are relative.
     pub folder: PathBuf,
     /// The text, without a byte-order mark.
@@ -137,18 +140,42 @@ pub struct SourceText {
 #[derive(Debug, Default)]
 pub struct Sources {
     texts: Vec<SourceText>,
+    /// See [`Sources::given`].
+    given: Option<Arc<Texts>>,
 }
 
+/// Texts of files by the path under which they were read.
+pub type Texts = BTreeMap<PathBuf, String>;
+
 impl Sources {
+    /// Nothing is read yet. With texts, files are taken from these alone and not from the disk.
+    pub fn given(texts: Option<Arc<Texts>>) -> Self {
+        Self { texts: Vec::new(), given: texts }
+    }
+
+    /// The text of a file, see [`read_text`].
+    pub fn read_text(&self, path: &Path) -> Result<String, ReadError> {
+        match &self.given {
+            Some(texts) => texts.get(path).cloned().ok_or_else(|| ReadError::whole("is not among the texts of the run")),
+            None => read_text(path),
+        }
+    }
+
+    /// Forgets what was read.
+    pub fn clear(&mut self) {
+        self.texts.clear();
+    }
+
     /// Adds a file.
     pub fn add_file(&mut self, path: &Path, text: String) -> u32 {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        self.add(SourceText { shown: path.display().to_string(), folder, text, is_file: true })
+        self.add(SourceText { shown: path.display().to_string(), path: path.to_owned(), folder, text, is_file: true })
     }
 
     /// Adds an argument of the command line; `flag` stands before it in messages.
     pub fn add_argument(&mut self, flag: &str, text: &str) -> u32 {
-        self.add(SourceText { shown: format!("{flag} {text}"), folder: PathBuf::new(), text: String::new(), is_file: false })
+        let shown = format!("{flag} {text}");
+        self.add(SourceText { shown, path: PathBuf::new(), folder: PathBuf::new(), text: String::new(), is_file: false })
     }
 
     fn add(&mut self, source: SourceText) -> u32 {
@@ -268,7 +295,7 @@ impl ReadError {
 }
 
 /// Reads a pipeline file: regular, at most 16 MiB, UTF-8 with or without a byte-order mark, no NUL.
-pub fn read_text(path: &Path) -> Result<String, ReadError> {
+fn read_text(path: &Path) -> Result<String, ReadError> {
     let said = |error: std::io::Error| ReadError::whole(unreadable(&error));
     let metadata = std::fs::metadata(path).map_err(said)?;
     if metadata.is_dir() {

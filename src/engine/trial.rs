@@ -17,6 +17,7 @@ use super::job::Job;
 use super::manifest::{Manifest, Outcome};
 use super::parameter::{InputFile, Port, Ports};
 use super::registry::Registry;
+use super::resources::Resources;
 use super::run::{self, Places, RunError, Summary};
 use super::schedule::Settings;
 use super::stage::{InputSizes, ResultDeclaration, Stage, StageError};
@@ -229,7 +230,7 @@ pub fn graph(folder: &Path, jobs: &[TrialJob]) -> Graph {
         pipeline: "p".into(),
         seed: 0,
         folder: folder.to_owned(),
-        sources: vec![Source { path: "p.yaml".into(), text: "text".into() }],
+        sources: vec![Source { path: "p.yaml".into(), read_as: "p.yaml".into(), text: "text".into() }],
         request: String::new(),
         has_warnings: false,
         overrides: json!({}),
@@ -245,6 +246,7 @@ fn stage_node(trial: &TrialJob, index: usize) -> StageNode {
         kind: Trial::KIND,
         version: Trial::VERSION,
         about: None,
+        resources: Resources::default(),
         place: ("p.yaml".into(), index + 1),
         axes: trial.coordinate.0.iter().map(|(axis, _)| axis.clone()).collect(),
         results: vec![("", "text")],
@@ -322,7 +324,7 @@ impl Space {
             start_pool: |_| {},
         };
         let registry = Registry::default().with::<Trial>().with_artifact::<Text>();
-        run::run(graph, &registry, places, settings, self.interrupted.clone(), &mut Silence)
+        run::run(graph, &registry, places, settings, self.interrupted.clone(), None, &mut Silence)
     }
 
     pub fn run_graph(&self, graph: Graph) -> Summary {

@@ -637,7 +637,7 @@ fn jobs(manifest: &Manifest, results: &Results<'_>, links: &Links) -> Vec<Json> 
         add("parameters", job.parameters.clone(), parameters);
         add("seed", json!(job.seed), job.seed.is_some());
         add("key", json!(job.key), job.key.is_some());
-        add("time", json!(job.measured.map(|measured| seconds_text(measured.seconds))), job.measured.is_some());
+        add("time", json!(job.measured.as_ref().map(|measured| seconds_text(measured.seconds))), job.measured.is_some());
         add("inputs", job.inputs.iter().map(input).collect(), !job.inputs.is_empty());
         let read = job.files.iter().map(|file| json!([file.parameter, file.path, file.sha256]));
         add("read", read.collect(), !job.files.is_empty());
@@ -675,7 +675,7 @@ fn stage_jobs(stage: &str, jobs: &[usize], manifest: &Manifest) -> StageJobs {
     let mut outcomes: BTreeMap<&str, usize> = BTreeMap::new();
     entries().for_each(|job| *outcomes.entry(job.outcome.word()).or_default() += 1);
     let outcomes: Vec<String> = outcomes.iter().map(|(word, count)| format!("{count} {word}")).collect();
-    let time = |job: &JobEntry| job.measured.map_or(0.0, |measured| measured.seconds);
+    let time = |job: &JobEntry| job.measured.as_ref().map_or(0.0, |measured| measured.seconds);
     let row = |index: &usize| {
         let job = &manifest.jobs[*index];
         let coordinate = job.coordinate.as_object().into_iter().flatten();
@@ -685,7 +685,7 @@ fn stage_jobs(stage: &str, jobs: &[usize], manifest: &Manifest) -> StageJobs {
             coordinate: texts.join(", "),
             outcome: job.outcome.word(),
             reason: job.error.clone().unwrap_or_else(|| job.reason.clone()),
-            seconds: job.measured.map(|measured| seconds_text(measured.seconds)).unwrap_or_default(),
+            seconds: job.measured.as_ref().map(|measured| seconds_text(measured.seconds)).unwrap_or_default(),
             key: job.key.map(|key| key.to_string()[..12].to_owned()).unwrap_or_default(),
         }
     };
@@ -723,7 +723,7 @@ pub mod tests {
             outputs: Vec::new(),
             warnings: Vec::new(),
             error: None,
-            measured: Some(JobMeasured { seconds, memory: 0, start: Some(0.0), thread: Some(0) }),
+            measured: Some(JobMeasured { seconds, memory: 0, start: Some(0.0), thread: Some(0), host: None }),
         }
     }
 

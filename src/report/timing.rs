@@ -107,7 +107,7 @@ pub fn timing(manifest: &Manifest) -> Timing {
 /// What a job took in this run.
 fn seconds(job: &JobEntry) -> f64 {
     let is_of_this_run = job.outcome == Outcome::Ran;
-    job.measured.filter(|_| is_of_this_run).map_or(0.0, |measured| measured.seconds)
+    job.measured.as_ref().filter(|_| is_of_this_run).map_or(0.0, |measured| measured.seconds)
 }
 
 fn kinds(jobs: &[JobEntry]) -> Vec<KindTime> {
@@ -167,7 +167,7 @@ fn time_line(manifest: &Manifest, colors: &HashMap<&str, usize>) -> (String, usi
     let total = manifest.measured.seconds.max(f64::MIN_POSITIVE);
     let mut rows: BTreeMap<u32, Vec<Bar>> = BTreeMap::new();
     for (index, job) in manifest.jobs.iter().enumerate() {
-        let Some(measured) = job.measured.filter(|_| job.outcome == Outcome::Ran) else { continue };
+        let Some(measured) = job.measured.as_ref().filter(|_| job.outcome == Outcome::Ran) else { continue };
         let (Some(start), Some(thread)) = (measured.start, measured.thread) else { continue };
         let color = colors.get(job.kind.as_str()).copied().unwrap_or(0);
         let end = (start + measured.seconds) / total;

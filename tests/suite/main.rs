@@ -14,4 +14,5 @@ mod report;
 mod reuse;
 mod space;
 mod store;
+mod team;
 mod versions;

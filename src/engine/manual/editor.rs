@@ -97,8 +97,22 @@ fn stage_schema(registry: &Registry, kinds: Map<String, Json>) -> Json {
             "description": "Coordinates that this stage leaves out.",
         }),
     );
+    properties.insert("resources".into(), resources_schema());
     properties.insert("about".into(), json!({ "type": "string", "description": "What it is for; shown in reports." }));
     json!({ "type": "object", "properties": properties, "additionalProperties": false, "oneOf": one_kind })
+}
+
+fn resources_schema() -> Json {
+    json!({
+        "type": "object",
+        "additionalProperties": false,
+        "properties": {
+            "threads": { "type": "integer", "minimum": 1, "maximum": 4096, "description": "Threads that a job makes use of." },
+            "memory": { "type": "string", "description": "Memory that a job takes, as 512MiB or 8GiB." },
+            "time": { "type": "string", "description": "Longest time of a job, as 90m, 12h or 2d." },
+        },
+        "description": "What each job asks of the machine; it changes no result.",
+    })
 }
 
 /// Adds the schema of a kind, its own definitions under names that no other kind has.

@@ -248,6 +248,7 @@ pub fn run(
         failures: Vec::new(),
         warnings: basis.warnings,
         system_error: None,
+        no_workers: None,
     }))
 }
 

@@ -36,7 +36,7 @@ fn by_memory(space: &Space) -> Option<Summary> {
 fn by_plan(space: &Space, request: &Request) -> Summary {
     let registry = Registry::default().with::<Trial>().with_artifact::<Text>();
     let graph = build(&registry, request).map_err(|errors| format!("{errors:?}")).unwrap().0;
-    run::run(graph, &registry, &space.places(), settings(), space.interrupted.clone(), &mut Silence).unwrap()
+    run::run(graph, &registry, &space.places(), settings(), space.interrupted.clone(), None, &mut Silence).unwrap()
 }
 
 /// Writes a text and makes a whole run over it.

@@ -13,6 +13,7 @@ use std::time::Instant;
 
 use super::artifact::ArtifactKind;
 use super::digest::Digest;
+use super::executor::ExecutorError;
 use super::events::{Event, Failure, Listener};
 use super::freshness::{self, InputError, Plan};
 use super::graph::Graph;
@@ -25,6 +26,7 @@ use super::manifest::{
 use super::provenance::ro_crate;
 use super::publish::OutputFolder;
 use super::registry::Registry;
+use super::schedule::role::Role;
 use super::schedule::values::Shared;
 use super::schedule::{Finished, Ledger, Scheduler, Settings, World};
 use super::signature::Signatures;
@@ -33,6 +35,9 @@ use super::store::folder::FolderStore;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::system::SystemError;
+use super::team::folder::{Assignment, RunFolder, plan_digest};
+use super::team::hand::Hand;
+use super::team::overseer::{Hiring, Overseer};
 use memory::{Finished as Remembered, RECORDS, contents};
 
 /// Where a run reads and writes.
@@ -94,6 +99,8 @@ pub struct Summary {
     pub warnings: Vec<WarningEntry>,
     /// What the operating system refused beside the jobs (the store could not be written).
     pub system_error: Option<SystemError>,
+    /// Why there were no workers to go on with.
+    pub no_workers: Option<ExecutorError>,
 }
 
 /// What the store and the last run know, before a run.
@@ -128,13 +135,14 @@ pub fn plan(graph: &Graph, places: &Places) -> Result<(Vec<JobEntry>, Vec<String
     Ok((freshness::entries(graph, &plan, &mut history), known.library.take_notices()))
 }
 
-/// Runs a pipeline: computes what the store lacks, publishes, and writes the manifest.
+/// Runs a pipeline: computes what the store lacks, or has workers compute it, publishes, and writes the manifest.
 pub fn run(
     graph: Graph,
     registry: &Registry,
     places: &Places,
     settings: Settings,
     interrupted: Arc<AtomicBool>,
+    hiring: Option<Hiring<'_>>,
     listener: &mut dyn Listener,
 ) -> Result<Summary, RunError> {
     let clock = Clock::start();
@@ -147,9 +155,22 @@ pub fn run(
     outputs.prepare()?;
     known.library.tidy();
     memory::tell_damage(&graph, places, &known.library);
-    let finished = execute(graph, registry, plan, &mut known, &outputs, standing.as_ref(), clock.steady, settings, interrupted, listener);
-    let (shared, finished) = finished;
+    let role = role(&graph, &plan, places, settings, hiring)?;
+    let (library, index) = (known.library.clone(), &known.index);
+    let history = History::new(outputs.path(), &graph);
+    let world = World { history, index, signatures: &mut known.signatures, standing: standing.as_ref(), began: clock.steady, role };
+    let (shared, finished) = execute(graph, registry, plan, library, &outputs, world, settings, interrupted, listener);
     conclude(&shared, finished, known, standing, places, settings, &clock, listener)
+}
+
+/// What this process does of the run: all of it, or it has a folder with workers from here on.
+fn role(graph: &Graph, plan: &Plan, places: &Places, settings: Settings, hiring: Option<Hiring<'_>>) -> Result<Role, SystemError> {
+    let has_work = plan.jobs.iter().flatten().any(|job| job.record.is_none());
+    let Some(hiring) = hiring.filter(|_| has_work) else { return Ok(Role::Alone) };
+    let digest = plan_digest(graph, plan, places, settings.keep_going);
+    let folder = RunFolder::of_plan(places, &graph.pipeline, &digest);
+    let assignment = Assignment::new(graph, plan, digest, hiring.request, places, settings.keep_going);
+    Ok(Role::Driver(Box::new(Overseer::begin(folder, &assignment, hiring)?)))
 }
 
 #[expect(clippy::too_many_arguments, reason = "joins what the run is made of, once")]
@@ -157,22 +178,67 @@ fn execute(
     graph: Graph,
     registry: &Registry,
     plan: Plan,
-    known: &mut Known,
+    library: Arc<Library>,
     outputs: &OutputFolder,
-    standing: Option<&Standing>,
-    began: Instant,
+    world: World<'_>,
     settings: Settings,
     interrupted: Arc<AtomicBool>,
     listener: &mut dyn Listener,
 ) -> (Arc<Shared>, Finished) {
     let artifacts: BTreeMap<&'static str, ArtifactKind> = registry.artifacts().iter().map(|(name, kind)| (name, *kind)).collect();
-    let history = History::new(outputs.path(), &graph);
-    let committer = Committer::new(known.library.clone());
-    let shared = Arc::new(Shared::new(graph, artifacts, known.library.clone(), outputs.clone(), interrupted, committer.submit()));
-    let world = World { history, index: &known.index, signatures: &mut known.signatures, standing, began };
+    let committer = Committer::new(library.clone());
+    let shared = Arc::new(Shared::new(graph, artifacts, library, outputs.clone(), interrupted, committer.submit()));
     let mut scheduler = Scheduler::new(shared.clone(), plan, world, committer, settings, listener);
     scheduler.run();
     (shared, scheduler.finish())
+}
+
+/// What came of a worker.
+#[derive(Debug)]
+pub struct Service {
+    /// Jobs by what became of them as far as this worker knows.
+    pub jobs: BTreeMap<&'static str, usize>,
+    /// Why jobs failed.
+    pub failures: Vec<Failure>,
+    /// Whether it was told to stop.
+    pub was_interrupted: bool,
+    /// What the operating system refused beside the jobs.
+    pub system_error: Option<SystemError>,
+}
+
+/// Computes jobs of a run that another process publishes, until there are no more; `None` if that run rests on other inputs
+/// or results than those that are seen from here.
+pub fn work(
+    mut graph: Graph,
+    registry: &Registry,
+    assignment: &Assignment,
+    settings: Settings,
+    hand: Hand,
+    listener: &mut dyn Listener,
+) -> Result<Option<Service>, RunError> {
+    let (places, began) = (assignment.places(), Instant::now());
+    // What is published and what is to run again whatever the store has is the driver's affair.
+    for job in &mut graph.jobs {
+        job.publications.clear();
+        job.is_forced = false;
+    }
+    let (mut known, plan) = planned(&graph, &places)?;
+    if plan_digest(&graph, &plan, &places, settings.keep_going) != assignment.plan {
+        return Ok(None);
+    }
+    known.library.tidy();
+    let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
+    let (library, index, interrupted) = (known.library.clone(), &known.index, hand.interrupted.clone());
+    let history = History::new(outputs.path(), &graph);
+    let role = Role::Worker(Box::new(hand));
+    let world = World { history, index, signatures: &mut known.signatures, standing: None, began, role };
+    let (_, finished) = execute(graph, registry, plan, library, &outputs, world, settings, interrupted, listener);
+    let mut jobs = BTreeMap::new();
+    for entry in &finished.entries {
+        *jobs.entry(entry.outcome.word()).or_default() += 1;
+    }
+    let Finished { ledger, was_interrupted, committed, .. } = finished;
+    Ok(Some(Service { jobs, failures: ledger.failures, was_interrupted, system_error: committed.err() }))
 }
 
 /// The latest manifest, as far as a next run needs it.
@@ -198,7 +264,7 @@ fn conclude(
     ledger.published.sort();
     let status = match () {
         () if was_interrupted => Status::Interrupted,
-        () if !ledger.failures.is_empty() || committed.is_err() => Status::Failed,
+        () if !ledger.failures.is_empty() || ledger.no_workers.is_some() || committed.is_err() => Status::Failed,
         () => Status::Done,
     };
 
@@ -259,7 +325,8 @@ fn conclude(
     }
     listener.notify(&Event::Ended { run_id: run_id.clone(), status, seconds: measured.seconds });
     let manifest = outputs.path().join("manifest.json");
-    Ok(Summary { run_id, result_id, status, results_of, manifest, measured, failures: ledger.failures, warnings, system_error })
+    let Ledger { failures, no_workers, .. } = ledger;
+    Ok(Summary { run_id, result_id, status, results_of, manifest, measured, failures, warnings, system_error, no_workers })
 }
 
 /// Times and counts of a run, of which the times are given.

@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::Scheduler;
+use super::role::Role;
 use super::state::{Order, Phase, Ready};
 use crate::engine::digest::Digest;
 use crate::engine::events::Event;
@@ -29,13 +30,18 @@ const GLANCE_AROUND: Duration = Duration::from_millis(50);
 /// Time between two looks at the store for what others compute.
 const LOOK: Duration = Duration::from_millis(10);
 
+/// Looks take one part in so many of the time at most.
+const SHARE: u32 = 10;
+
 /// What is said of a job that another run computed while this one waited or was about to begin.
-const COMPUTED_ELSEWHERE: &str = "computed by another run";
+pub(super) const COMPUTED_ELSEWHERE: &str = "computed by another run";
 
 /// A job that runs here.
 pub struct Flight {
     /// Its index.
     pub job: usize,
+    /// Threads that it counts as.
+    pub threads: usize,
     since: Instant,
     claim: Option<Claim>,
     /// Whether it was tried to claim it.
@@ -45,14 +51,19 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// A job that begins.
-    pub fn new(job: usize, withdrawn: Arc<AtomicBool>) -> Self {
-        Self { job, since: Instant::now(), claim: None, is_settled: false, withdrawn }
+    /// A job that begins, with its claim if that was made before.
+    pub fn new(job: usize, threads: usize, withdrawn: Arc<AtomicBool>, claim: Option<Claim>) -> Self {
+        Self { job, threads, since: Instant::now(), is_settled: claim.is_some(), claim, withdrawn }
     }
 
     /// Its claim, when it has ended.
     pub fn into_claim(self) -> Option<Claim> {
         self.claim
+    }
+
+    /// Whether it took so long that others may be waiting for it.
+    pub fn is_long(&self) -> bool {
+        self.since.elapsed() > SHORT
     }
 }
 
@@ -60,6 +71,11 @@ impl Scheduler<'_> {
     /// Whether a job about to start is done, or being done, by another run; then it is taken care of.
     pub(super) fn is_left_to_another(&mut self, job: usize) -> bool {
         let Some(key) = self.awaitable_key(job) else { return false };
+        if self.is_for_others(job) {
+            self.state_mut(job).phase = Phase::Elsewhere;
+            self.elsewhere.push(job);
+            return true;
+        }
         // First the claim, then the record: a claim goes only when the record is there.
         if let Some(holder) = self.claims.holder(&key) {
             self.wait_for(job, &holder);
@@ -75,19 +91,19 @@ impl Scheduler<'_> {
     }
 
     /// The key under which another run's result would serve; none for a job that is to run whatever the store has.
-    fn awaitable_key(&self, job: usize) -> Option<Digest> {
+    pub(super) fn awaitable_key(&self, job: usize) -> Option<Digest> {
         let state = self.state(job);
         let may_wait = state.planned.reason.is_empty() && state.rerun_reason.is_empty();
         state.entry.key.filter(|_| may_wait)
     }
 
-    fn wait_for(&mut self, job: usize, holder: &Holder) {
+    pub(super) fn wait_for(&mut self, job: usize, holder: &Holder) {
         self.state_mut(job).phase = Phase::Elsewhere;
         self.elsewhere.push(job);
         self.listener.notify(&Event::Elsewhere { job: self.name(job), owner: holder.to_string() });
     }
 
-    fn record_of_another(&mut self, job: usize, key: &Digest) -> Option<ResultRecord> {
+    pub(super) fn record_of_another(&mut self, job: usize, key: &Digest) -> Option<ResultRecord> {
         let shared = self.shared.clone();
         if !shared.library.may_have_result(key) {
             return None;
@@ -95,7 +111,7 @@ impl Scheduler<'_> {
         shared.library.result(key).ok().filter(|record| is_whole(&shared.graph, &shared.graph.jobs[job], record))
     }
 
-    fn settle_from_another(&mut self, job: usize, record: ResultRecord) {
+    pub(super) fn settle_from_another(&mut self, job: usize, record: ResultRecord) {
         let prepared = self.settle_one(job, record, Outcome::Hit, COMPUTED_ELSEWHERE.to_owned());
         for job in prepared {
             self.prepare(job);
@@ -104,19 +120,21 @@ impl Scheduler<'_> {
 
     /// Looks whether what other runs compute is done, or was given up.
     pub(super) fn look_elsewhere(&mut self) {
-        if self.elsewhere.is_empty() || self.looked_elsewhere.elapsed() < LOOK {
+        if self.elsewhere.is_empty() || Instant::now() < self.next_look_elsewhere {
             return;
         }
-        self.looked_elsewhere = Instant::now();
+        let begun = Instant::now();
         for job in std::mem::take(&mut self.elsewhere) {
             let key = self.state(job).entry.key.expect("a job that was ready has its key");
-            let is_held = self.claims.holder(&key).is_some();
+            let is_held = self.claims.holder(&key).is_some() || self.is_for_others(job);
             match self.record_of_another(job, &key) {
                 Some(record) => self.settle_from_another(job, record),
                 None if is_held => self.elsewhere.push(job),
                 None => self.make_ready_again(job),
             }
         }
+        // On a file server a look takes its time, and there may be many.
+        self.next_look_elsewhere = Instant::now() + LOOK.max(begun.elapsed() * SHARE);
     }
 
     fn make_ready_again(&mut self, job: usize) {
@@ -129,18 +147,19 @@ impl Scheduler<'_> {
     /// Puts a job among those that can start.
     pub(super) fn push_ready(&mut self, job: usize, priority: f64) {
         let place = self.order.place(job);
-        self.ready.push(Ready { priority, place, job });
+        let is_near = self.is_near(job);
+        self.ready.push(Ready { is_near, priority, place, job });
     }
 
     /// Says that this run is at work, and looks from time to time whether others are: then they divide the jobs.
     pub(super) fn look_around(&mut self) {
-        if self.looked_around.is_some_and(|moment| moment.elapsed() < GLANCE_AROUND) {
+        if self.is_driver() || self.looked_around.is_some_and(|moment| moment.elapsed() < GLANCE_AROUND) {
             return;
         }
         // The first job makes the folder.
         self.presence = self.presence.take().or_else(|| self.claims.come_in());
         self.looked_around = Some(Instant::now());
-        let are_others = self.claims.are_others_at_work();
+        let are_others = matches!(self.role, Role::Worker(_)) || self.claims.are_others_at_work();
         self.committer.share(are_others);
         if are_others && self.order == Order::Graph {
             self.order = Order::Own(std::hash::RandomState::new().build_hasher().finish());
@@ -152,6 +171,9 @@ impl Scheduler<'_> {
 
     /// Claims the jobs that turn out to take a while, and keeps the claims alive.
     pub(super) fn tend_claims(&mut self) {
+        if let Some(presence) = &mut self.presence {
+            presence.keep_alive();
+        }
         for index in 0..self.flights.len() {
             let flight = &mut self.flights[index];
             if let Some(claim) = &mut flight.claim {

@@ -14,6 +14,7 @@ impl Scheduler<'_> {
     pub(super) fn fail(&mut self, job: usize, message: String, hint: Option<String>, is_of_the_system: bool) {
         self.forget_key(job);
         let failure = self.failure(job, message, hint, is_of_the_system);
+        self.note_failure(job, &failure);
         let state = self.state_mut(job);
         state.phase = Phase::Failed;
         state.entry.outcome = Outcome::Failed;

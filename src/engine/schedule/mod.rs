@@ -14,6 +14,7 @@ mod failing;
 pub mod panics;
 mod publishing;
 mod reports;
+pub mod role;
 mod settling;
 mod starting;
 mod state;
@@ -22,7 +23,6 @@ mod worker;
 
 use std::collections::{BinaryHeap, HashMap, VecDeque};
 use std::num::NonZeroUsize;
-use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -38,7 +38,9 @@ use super::store::committer::Committer;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::system::SystemError;
+use super::executor::ExecutorError;
 use elsewhere::Flight;
+use role::Role;
 use state::{JobState, Order, Ready};
 use values::Shared;
 use worker::{PublishTask, Report, Task};
@@ -76,6 +78,7 @@ pub struct Scheduler<'l> {
     signatures: &'l mut Signatures,
     standing: Option<&'l Standing>,
     committer: Committer,
+    role: Role,
 
     jobs: Vec<Option<JobState>>,
     /// Wanted jobs that use a result of each job, each once.
@@ -91,7 +94,7 @@ pub struct Scheduler<'l> {
     flights: Vec<Flight>,
     /// Jobs that another run has claimed.
     elsewhere: Vec<usize>,
-    looked_elsewhere: Instant,
+    next_look_elsewhere: Instant,
     claims: Claims,
     /// Tells other runs that this one is at work.
     presence: Option<Claim>,
@@ -134,6 +137,8 @@ pub struct Ledger {
     pub memory_peak: u64,
     /// What a next run can know without a look at the records.
     pub index: Index,
+    /// Why there were no workers to go on with.
+    pub no_workers: Option<ExecutorError>,
 }
 
 impl Ledger {
@@ -157,6 +162,8 @@ pub struct World<'l> {
     pub standing: Option<&'l Standing>,
     /// When the run began.
     pub began: Instant,
+    /// What this process does of it.
+    pub role: Role,
 }
 
 impl<'l> Scheduler<'l> {
@@ -189,13 +196,14 @@ impl<'l> Scheduler<'l> {
             signatures: world.signatures,
             standing: world.standing,
             committer,
+            role: world.role,
             by_key: DigestMap::default(),
             ready: BinaryHeap::new(),
             to_publish: VecDeque::new(),
             in_memory: VecDeque::new(),
             flights: Vec::new(),
             elsewhere: Vec::new(),
-            looked_elsewhere: Instant::now(),
+            next_look_elsewhere: Instant::now(),
             claims,
             presence: None,
             looked_around: None,
@@ -220,8 +228,10 @@ impl<'l> Scheduler<'l> {
     pub fn run(&mut self) {
         self.begin();
         while !self.is_over() {
+            self.tend_hand();
             self.look_for_interrupt();
             self.look_elsewhere();
+            self.oversee();
             if self.running > 0 {
                 self.look_around();
             }
@@ -241,11 +251,12 @@ impl<'l> Scheduler<'l> {
             let waited_enough = self.interrupted_at.is_some_and(|moment| moment.elapsed() > PATIENCE);
             return waited_enough;
         }
-        self.is_stopping || (self.ready.is_empty() && self.to_publish.is_empty() && self.elsewhere.is_empty())
+        let is_waiting = !self.elsewhere.is_empty() || self.is_waiting_for_workers();
+        self.is_stopping || self.is_leaving() || (self.ready.is_empty() && self.to_publish.is_empty() && !is_waiting)
     }
 
     fn look_for_interrupt(&mut self) {
-        if self.interrupted_at.is_none() && self.shared.interrupted.load(Ordering::Relaxed) {
+        if self.interrupted_at.is_none() && self.is_interrupted() {
             self.interrupted_at = Some(Instant::now());
             self.committer.hurry();
             self.is_stopping = true;
@@ -268,7 +279,7 @@ impl<'l> Scheduler<'l> {
     fn tell_finished(&mut self, job: usize, error: Option<Failure>) {
         let total = self.wanted_count;
         let entry = &self.state(job).entry;
-        let ran = entry.measured.filter(|_| entry.outcome == Outcome::Ran);
+        let ran = entry.measured.as_ref().filter(|_| entry.outcome == Outcome::Ran);
         let event = Event::Finished {
             job: self.name(job),
             outcome: entry.outcome,
@@ -300,6 +311,7 @@ impl<'l> Scheduler<'l> {
 
     /// Ends the run: commits what was computed, and gives all that the manifest needs.
     pub fn finish(mut self) -> Finished {
+        self.name_authors();
         let shared = self.shared.clone();
         for (job, node) in shared.graph.jobs.iter().enumerate().filter(|(_, node)| node.is_wanted) {
             let mut inputs = std::mem::take(&mut self.state_mut(job).entry.inputs);

@@ -21,13 +21,13 @@ impl Scheduler<'_> {
                 self.state_mut(job).span = Some((start, report.thread));
                 let reserved = std::mem::take(&mut self.state_mut(job).reserved);
                 self.reserved -= reserved;
-                let claim = self.end_flight(job);
+                let (claim, is_long) = self.end_flight(job);
                 match result {
                     Ok(ran) => self.take_result(job, ran),
                     Err(fault) => self.take_fault(job, fault),
                 }
                 // The record was handed in before the job was reported: the claim goes once it is there.
-                self.committer.let_go(claim);
+                self.committer.let_go(claim, is_long);
             }
             Body::Published(result) => {
                 let reserved = std::mem::take(&mut self.state_mut(job).reserved_for_files);
@@ -44,9 +44,12 @@ impl Scheduler<'_> {
         self.relieve_memory();
     }
 
-    fn end_flight(&mut self, job: usize) -> Option<Claim> {
-        let index = self.flights.iter().position(|flight| flight.job == job)?;
-        self.flights.swap_remove(index).into_claim()
+    /// The claim of a job that has ended, and whether others may be waiting for it.
+    fn end_flight(&mut self, job: usize) -> (Option<Claim>, bool) {
+        let Some(index) = self.flights.iter().position(|flight| flight.job == job) else { return (None, false) };
+        let flight = self.flights.swap_remove(index);
+        let is_long = flight.is_long();
+        (flight.into_claim(), is_long)
     }
 
     pub(super) fn take_result(&mut self, job: usize, ran: RanJob) {
@@ -60,6 +63,7 @@ impl Scheduler<'_> {
             self.ledger.has_passing_warnings = true;
             self.warn(job, format!("`{kind}` gave other bytes than before with the same key; its results cannot be relied upon"));
         }
+        self.say_computed(&ran.record);
         let prepared = self.settle_one(job, ran.record, Outcome::Ran, reason);
         for job in prepared {
             self.prepare(job);
@@ -67,6 +71,7 @@ impl Scheduler<'_> {
     }
 
     pub(super) fn take_fault(&mut self, job: usize, fault: Fault) {
+        self.say_gave_up(job);
         match fault {
             Fault::Lost(lost) => {
                 let is_hopeless = lost.iter().any(|(input, what)| !self.run_again(*input, what.reason()));

@@ -168,6 +168,7 @@ impl Scheduler<'_> {
         let shared = self.shared.clone();
         let node = &shared.graph.jobs[job];
         self.settled_count += 1;
+        let host = self.host_of(&record);
         let state = self.state_mut(job);
         state.phase = Phase::Settled;
         state.entry.outcome = outcome;
@@ -175,7 +176,7 @@ impl Scheduler<'_> {
         state.entry.outputs = output_entries(&record);
         state.entry.warnings = record.warnings.iter().cloned().chain(node.parameters.caveats()).collect();
         let (start, thread) = state.span.filter(|_| outcome == Outcome::Ran).unzip();
-        state.entry.measured = Some(JobMeasured { seconds: record.seconds, memory: record.memory, start, thread });
+        state.entry.measured = Some(JobMeasured { seconds: record.seconds, memory: record.memory, start, thread, host });
         if state.sizes.is_empty() {
             state.sizes = record.outputs.iter().map(|output| output.content.size).collect();
         }

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::Scheduler;
 use super::elsewhere::Flight;
+use super::role::Beginning;
 use super::state::{self, Phase, Ready};
 use super::values::Source;
 use super::worker::{FileToPublish, RunTask, Task, work};
@@ -23,7 +24,7 @@ impl Scheduler<'_> {
     pub(super) fn start_what_can(&mut self) {
         // A thread that finds its next task waiting need not be woken for it, which takes longer than a trivial job.
         let ahead = if self.usual_time < TRIVIAL { AHEAD } else { 1 };
-        while !self.is_stopping && self.running < ahead * self.settings.threads.get() {
+        while !self.is_stopping && !self.is_leaving() && self.running < ahead * self.settings.threads.get() {
             let is_started = if self.to_publish.is_empty() { self.start_next_job() } else { self.start_next_publication() };
             if !is_started {
                 return;
@@ -50,31 +51,53 @@ impl Scheduler<'_> {
     /// Starts the job on the longest path; false if there is none or it has to wait for memory.
     pub(super) fn start_next_job(&mut self) -> bool {
         let Some(Ready { job, .. }) = self.ready.peek().copied() else { return false };
+        if self.is_handed_out(job) {
+            self.ready.pop();
+            return true;
+        }
         let need = self.memory_need(job);
         if need.at_all > self.settings.memory {
             self.ready.pop();
             self.fail_for_memory(job, need.at_all);
             return true;
         }
-        if !self.has_room(need.beside_what_is_held) {
+        let threads = self.threads_of(job);
+        if !self.has_threads(threads) || !self.has_room(need.beside_what_is_held) {
             return false;
         }
         self.ready.pop();
         if self.is_left_to_another(job) {
             return true;
         }
+        let claim = match self.worker_begins(job) {
+            Beginning::Begins(claim) => claim,
+            Beginning::IsSettled => return true,
+        };
+        self.say_started(job);
         for input in state::distinct_inputs(&self.shared.graph.jobs[job]) {
             self.expect_in_memory(input);
         }
         let task = self.run_task(job, need.of_the_stage);
         let (reason, progress) = (self.state(job).entry.reason.clone(), task.progress.clone());
         self.listener.notify(&Event::Started { job: self.name(job), reason, progress });
-        self.flights.push(Flight::new(job, task.withdrawn.clone()));
+        self.flights.push(Flight::new(job, threads, task.withdrawn.clone(), claim));
         let state = self.state_mut(job);
         state.phase = Phase::Running;
         state.reserved = need.beside_what_is_held;
         self.start(Task::Run(task), need.beside_what_is_held);
         true
+    }
+
+    /// Threads that a job counts as: what its stage asks for, and no more than there are.
+    fn threads_of(&self, job: usize) -> usize {
+        self.asked_by(job).threads.map_or(1, usize::from).min(self.settings.threads.get())
+    }
+
+    /// Whether a job that counts as so many threads may start beside those that run.
+    fn has_threads(&self, threads: usize) -> bool {
+        let is_plain = threads == 1 && self.flights.iter().all(|flight| flight.threads == 1);
+        let taken: usize = self.flights.iter().map(|flight| flight.threads).sum();
+        is_plain || taken == 0 || taken + threads <= self.settings.threads.get()
     }
 
     /// Whether so much more fits; with nothing running, room is made by letting values go.
@@ -139,6 +162,7 @@ impl Scheduler<'_> {
         let is_held = |item: &InputNode| self.shared.held_by(item.job, item.result).is_some();
         // A file that is gone by now fails the job when it is read.
         let file_size = |path: &Path| files::status(path).map_or(0, |status| status.len());
-        state::memory_need(&self.shared.graph.jobs[job], size, is_held, file_size)
+        let estimated = state::memory_need(&self.shared.graph.jobs[job], size, is_held, file_size);
+        estimated.at_least(self.asked_by(job).memory.unwrap_or(0))
     }
 }

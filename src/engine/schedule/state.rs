@@ -109,6 +109,8 @@ impl JobState {
 /// A job that can start; the one on the longest path first, then by the order of this run.
 #[derive(Debug, Clone, Copy)]
 pub struct Ready {
+    /// Whether it goes on with what a worker has in memory.
+    pub is_near: bool,
     /// See [`JobState::priority`].
     pub priority: f64,
     /// See [`Order::place`].
@@ -144,7 +146,7 @@ impl Order {
 
 impl Ord for Ready {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.priority.total_cmp(&other.priority).then(other.place.cmp(&self.place))
+        self.is_near.cmp(&other.is_near).then(self.priority.total_cmp(&other.priority)).then(other.place.cmp(&self.place))
     }
 }
 
@@ -200,6 +202,19 @@ pub struct MemoryNeed {
     pub beside_what_is_held: u64,
     /// With all inputs: what must fit for it to run at all.
     pub at_all: u64,
+}
+
+impl MemoryNeed {
+    /// The same where the stage says that it takes so much.
+    pub fn at_least(self, stated: u64) -> Self {
+        let more = stated.saturating_sub(self.of_the_stage);
+        let Self { of_the_stage, beside_what_is_held, at_all } = self;
+        Self {
+            of_the_stage: of_the_stage + more,
+            beside_what_is_held: beside_what_is_held.saturating_add(more),
+            at_all: at_all.saturating_add(more),
+        }
+    }
 }
 
 /// What a job takes, given the size of an input and whether it is in memory, and the size of an input file.
@@ -259,7 +274,7 @@ mod tests {
         let paths = critical_paths(&[1.0, 5.0, 1.0, 1.0], &[vec![1, 2], vec![3], vec![3], vec![]]);
         assert_eq!(paths, [7.0, 6.0, 2.0, 1.0]);
         let mut ready = std::collections::BinaryHeap::new();
-        let entry = |priority: f64, job: usize| Ready { priority, place: Order::Graph.place(job), job };
+        let entry = |priority: f64, job: usize| Ready { is_near: false, priority, place: Order::Graph.place(job), job };
         ready.extend([entry(2.0, 2), entry(6.0, 1), entry(6.0, 0)]);
         let order: Vec<usize> = std::iter::from_fn(|| ready.pop()).map(|ready: Ready| ready.job).collect();
         assert_eq!(order, [0, 1, 2]);

@@ -35,7 +35,7 @@ pub struct Claims {
     /// Text of our claims.
     text: String,
     /// Claims of others whose process cannot be looked for: their time, and since when they have it.
-    watched: HashMap<Digest, (SystemTime, Instant)>,
+    watched: HashMap<PathBuf, (SystemTime, Instant)>,
 }
 
 /// Who holds a claim.
@@ -63,31 +63,36 @@ impl Claims {
     /// Another run that is computing this; `None` if it may be begun, as far as one can see.
     pub fn holder(&mut self, key: &Digest) -> Option<Holder> {
         let path = self.path(key);
-        let held = files::link_text(&path).ok().and_then(|text| self.holder_by(&path, key, text.to_str()?));
+        let held = files::link_text(&path).ok().and_then(|text| self.holder_by(&path, text.to_str()?));
         if held.is_none() {
-            self.watched.remove(key);
+            self.watched.remove(&path);
         }
         held
     }
 
-    fn holder_by(&mut self, path: &Path, key: &Digest, text: &str) -> Option<Holder> {
+    fn holder_by(&mut self, path: &Path, text: &str) -> Option<Holder> {
         if text == self.text {
             return None;
         }
         let (owner, rest) = Owner::parse(text)?;
-        let modified = files::link_status(path).ok()?.modified().ok()?;
-        let watched = self.watched.entry(*key).or_insert_with(|| (modified, Instant::now()));
-        if watched.0 != modified {
-            *watched = (modified, Instant::now());
-        }
-        // A process that was stopped lives, but does not work.
-        let is_dead = watched.1.elapsed() > PATIENCE || (owner.is_in_sight() && !owner.is_alive());
-        if is_dead {
+        if !self.is_kept(path, &owner)? {
             remove_if(path, text);
             return None;
         }
         let host = rest.split_once('-').map_or("", |(_, host)| host);
         Some(Holder { host: host.to_owned(), process: owner.process() })
+    }
+
+    /// Whether the owner of a link can be taken to be at work; `None` if the link is gone.
+    fn is_kept(&mut self, path: &Path, owner: &Owner) -> Option<bool> {
+        let modified = files::link_status(path).ok()?.modified().ok()?;
+        let watched = self.watched.entry(path.to_owned()).or_insert_with(|| (modified, Instant::now()));
+        if watched.0 != modified {
+            *watched = (modified, Instant::now());
+        }
+        // A process that was stopped lives, but does not work.
+        let is_dead = watched.1.elapsed() > PATIENCE || (owner.is_in_sight() && !owner.is_alive());
+        Some(!is_dead)
     }
 
     /// Says that this run computes that; `None` if another has said so, or if it cannot be said here.
@@ -115,13 +120,20 @@ impl Claims {
     }
 
     /// Whether another run is at work, as far as one can see.
-    pub fn are_others_at_work(&self) -> bool {
+    pub fn are_others_at_work(&mut self) -> bool {
         let Ok(entries) = files::list(&self.folder) else { return false };
-        let is_other = |name: &str| {
-            let text = name.strip_prefix(PRESENCE).filter(|text| *text != self.text);
-            text.and_then(Owner::parse).is_some_and(|(owner, _)| !owner.is_in_sight() || owner.is_alive())
-        };
-        entries.flatten().any(|entry| entry.file_name().to_str().is_some_and(is_other))
+        let mut are_others = false;
+        for path in entries.flatten().map(|entry| entry.path()) {
+            let text = path.file_name().and_then(|name| name.to_str()?.strip_prefix(PRESENCE)).filter(|text| *text != self.text);
+            let Some((owner, _)) = text.and_then(Owner::parse) else { continue };
+            match self.is_kept(&path, &owner) {
+                Some(true) => are_others = true,
+                // Left by a machine that is gone, whose process no one can look for.
+                Some(false) => drop(files::remove(&path)),
+                None => {}
+            }
+        }
+        are_others
     }
 
     /// Removes the claims of processes that can be seen to be gone.
@@ -210,7 +222,7 @@ mod tests {
 
     #[test]
     fn runs_see_each_other_while_they_are_at_work() {
-        let (folder, one, two) = two_runs();
+        let (folder, mut one, mut two) = two_runs();
         assert!(!one.are_others_at_work());
         let presence = one.come_in();
         assert!(presence.is_some() && !one.are_others_at_work() && two.are_others_at_work());
@@ -220,6 +232,11 @@ mod tests {
         let dead = format!("{PRESENCE}{}-1-0-host", this.rsplit_once('-').unwrap().0);
         symlink("anything", folder.path().join("claims").join(dead)).unwrap();
         assert!(!two.are_others_at_work(), "a dead one is not at work");
+        let elsewhere = folder.path().join("claims").join(format!("{PRESENCE}0badb007-17-5-0-elsewhere"));
+        symlink("anything", &elsewhere).unwrap();
+        assert!(two.are_others_at_work());
+        two.watched.get_mut(&elsewhere).unwrap().1 = Instant::now().checked_sub(PATIENCE + Duration::from_secs(1)).unwrap();
+        assert!(!two.are_others_at_work() && !elsewhere.is_symlink(), "a machine that is gone is forgotten");
     }
 
     #[test]
@@ -263,7 +280,7 @@ mod tests {
         assert!(one.holder(&key).is_some());
         // As if it had been seen long ago with the same time; then it is renewed; then not again.
         let age = |one: &mut Claims| {
-            let watched = one.watched.get_mut(&key).unwrap();
+            let watched = one.watched.get_mut(&path).unwrap();
             watched.1 = Instant::now().checked_sub(PATIENCE + Duration::from_secs(1)).unwrap();
         };
         age(&mut one);

@@ -41,8 +41,8 @@ impl Commit {
 
 enum Message {
     Commit(Commit),
-    /// What was handed in before is being waited for under this claim.
-    LetGo(Claim),
+    /// What was handed in before stands under this claim; whether others may be waiting for it.
+    LetGo(Claim, bool),
     End,
 }
 
@@ -79,13 +79,15 @@ impl Committer {
         Submit(self.sender.clone())
     }
 
-    /// Lets a claim go as soon as what was handed in so far can be found.
-    pub fn let_go(&self, claim: Option<Claim>) {
+    /// Lets a claim go when what was handed in so far can be found: at once if another run may be waiting for it, else with
+    /// the next group.
+    pub fn let_go(&self, claim: Option<Claim>, is_awaited: bool) {
         if let Some(claim) = claim {
             // If the committer has failed, the claim goes at once.
-            let _ = self.sender.send(Message::LetGo(claim));
-            // Another run may be waiting for it.
-            self.wake();
+            let _ = self.sender.send(Message::LetGo(claim, is_awaited));
+            if is_awaited {
+                self.wake();
+            }
         }
     }
 
@@ -150,12 +152,16 @@ fn commit_groups(
 /// The next records with the claims on them, and whether there will be no more.
 fn next_group(receiver: &Receiver<Message>, is_shared: &AtomicBool) -> (Vec<Commit>, Vec<Claim>, bool) {
     let (mut group, mut claims) = (Vec::new(), Vec::new());
+    let mut is_awaited = false;
     let mut next = receiver.recv().ok();
     let deadline = Instant::now() + if is_shared.load(Ordering::Relaxed) { SHARED_GROUP_TIME } else { GROUP_TIME };
     loop {
         match next {
             Some(Message::Commit(commit)) => group.push(commit),
-            Some(Message::LetGo(claim)) => claims.push(claim),
+            Some(Message::LetGo(claim, awaited)) => {
+                claims.push(claim);
+                is_awaited |= awaited;
+            }
             Some(Message::End) | None => return (group, claims, true),
         }
         next = match receiver.try_recv() {
@@ -163,7 +169,7 @@ fn next_group(receiver: &Receiver<Message>, is_shared: &AtomicBool) -> (Vec<Comm
             Err(TryRecvError::Disconnected) => None,
             Err(TryRecvError::Empty) => {
                 let left = deadline.saturating_duration_since(Instant::now());
-                if left.is_zero() || !claims.is_empty() {
+                if left.is_zero() || is_awaited {
                     return (group, claims, false);
                 }
                 std::thread::park_timeout(left);

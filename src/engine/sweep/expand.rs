@@ -156,7 +156,7 @@ fn folder_of(file: &Path) -> PathBuf {
 
 fn sources(sources: &Sources, folder: &Path) -> Vec<Source> {
     let files = sources.files();
-    files.map(|file| Source { path: relative(Path::new(&file.shown), folder), text: file.text.clone() }).collect()
+    files.map(|file| Source { path: relative(Path::new(&file.shown), folder), read_as: file.path.clone(), text: file.text.clone() }).collect()
 }
 
 /// A path as the manifest shows it: relative to the pipeline's folder, or the name alone where it lies elsewhere.
@@ -178,6 +178,7 @@ fn stage_nodes(world: &World<'_, '_>, resolved: &Resolved, typed: &[Option<Typed
                 kind: kind.name,
                 version: kind.version,
                 about: entry.about.clone(),
+                resources: entry.resources,
                 place: (escape(&world.sources.get(entry.place.file).shown), entry.place.line as usize),
                 axes: resolved.stages[index].as_ref()?.relation.axes.iter().map(|axis| world.axes[*axis].name.clone()).collect(),
                 results: typed[index].as_ref()?.results.clone(),

@@ -31,7 +31,7 @@ use crate::catalogue::nearest;
 
 /// Reads, checks and lays out a pipeline: the graph with warnings, or every mistake.
 pub fn build(registry: &Registry, request: &Request) -> Result<(Graph, Vec<Diagnostic>), Vec<Diagnostic>> {
-    let mut sources = Sources::default();
+    let mut sources = Sources::given(request.texts.clone());
     let mut findings = Findings::default();
     let graph = built(registry, request, &mut sources, &mut findings);
     let (errors, warnings) = sources.diagnostics(findings);

@@ -13,7 +13,7 @@ use crate::engine::axes::Axis;
 use crate::engine::diagnostic::quoted;
 use crate::engine::document::Document;
 use crate::engine::registry::Registry;
-use crate::engine::source::{Finding, Findings, Sources, read_text};
+use crate::engine::source::{Finding, Findings, Sources};
 use crate::engine::substitution::{Scope, Template, substitute};
 use crate::engine::yaml::{Entry, Node, Value};
 
@@ -77,7 +77,7 @@ impl Reader<'_> {
 
     fn content(&mut self, path: &std::path::Path, text: &str, named: &Node, stage: &str) -> Option<Node> {
         let subject = format!("file {}", quoted(text));
-        let read = if text.is_empty() || text.contains('\0') { None } else { Some(read_text(path)) };
+        let read = if text.is_empty() || text.contains('\0') { None } else { Some(self.sources.read_text(path)) };
         let content = match read {
             Some(Ok(content)) => content,
             Some(Err(error)) => {

@@ -1,0 +1,122 @@
+//! What starts the workers of a run: processes of this machine, Slurm, or a person.
+//!
+//! An executor supplies processes and knows nothing of jobs. What it says of them is a hint: that a job is done, the store says.
+//! A new one is a file here and a row in [`EXECUTORS`].
+
+mod manual;
+mod processes;
+pub mod profile;
+mod slurm;
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use super::resources::Resources;
+use super::team::folder::RunFolder;
+use profile::Profile;
+
+/// One row of the table.
+pub struct Row {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// What it does, for people.
+    pub about: &'static str,
+    /// Makes one.
+    pub make: fn(Terms) -> Box<dyn Executor>,
+}
+
+/// All of them.
+pub const EXECUTORS: [Row; 3] = [processes::ROW, slurm::ROW, manual::ROW];
+
+/// What every worker of a run is given.
+#[derive(Debug, Clone)]
+pub struct Terms {
+    /// The run.
+    pub folder: RunFolder,
+    /// The program that it runs.
+    pub program: PathBuf,
+    /// Threads of a worker, unless its class says otherwise.
+    pub threads: Option<NonZeroUsize>,
+    /// Memory of a worker in bytes, likewise.
+    pub memory: Option<u64>,
+    /// How many there will be of a class at most.
+    pub count: NonZeroUsize,
+    /// What a site asks for.
+    pub profile: Profile,
+}
+
+/// A class of workers.
+#[derive(Debug, Clone, Copy)]
+pub struct Class {
+    /// Its number in the run.
+    pub number: usize,
+    /// What its workers are given.
+    pub resources: Resources,
+}
+
+/// A worker that is there, or will be.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Present {
+    /// The name under which it writes its journal.
+    pub name: String,
+    /// Its class; none for one that takes any job.
+    pub class: Option<usize>,
+    /// Whether it has been given a machine.
+    pub is_running: bool,
+}
+
+/// Why workers cannot be started or ended.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
+pub struct ExecutorError {
+    /// What is wrong.
+    pub message: String,
+    /// What to do.
+    pub hint: Option<String>,
+}
+
+/// Starts workers, looks for them and ends them.
+pub trait Executor: Send {
+    /// Starts so many more workers of a class.
+    fn start(&mut self, class: &Class, count: usize) -> Result<(), ExecutorError>;
+
+    /// The workers of the run, whoever started them; `None` if that cannot be said now.
+    fn present(&mut self) -> Option<Vec<Present>>;
+
+    /// Ends all workers of the run at once.
+    fn cancel(&mut self) -> Result<(), ExecutorError>;
+
+    /// The run is over: ends those that would find nothing to do.
+    fn dismiss(&mut self);
+
+    /// Time between two looks.
+    fn interval(&self) -> Duration;
+
+    /// Whether workers go on when the driver is interrupted.
+    fn outlives_driver(&self) -> bool;
+
+    /// Where a worker's log is, for a message.
+    fn log_of(&self, name: &str) -> PathBuf;
+}
+
+/// The words of the command of a worker after the program's name.
+fn worker_arguments(terms: &Terms, class: &Class) -> Vec<String> {
+    let mut words = vec!["worker".to_owned(), "--run".to_owned(), terms.folder.path().display().to_string()];
+    words.extend(["--class".to_owned(), class.number.to_string()]);
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_executor_has_a_name_of_its_own_and_says_what_it_does() {
+        let mut names: Vec<&str> = EXECUTORS.iter().map(|row| row.name).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), EXECUTORS.len());
+        assert!(EXECUTORS.iter().all(|row| row.about.len() > 10 && row.name != "threads"));
+    }
+}

@@ -1,0 +1,233 @@
+//! Sees to it that a run has as many workers as there is work for.
+//!
+//! A thread of its own, since what starts workers may take its time. It looks at the workers that are there, starts what is
+//! missing, and stops asking when they come to nothing again and again. Of several drivers of a run one does this.
+
+use std::collections::BTreeSet;
+use std::num::NonZeroUsize;
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::folder::{Ending, RunFolder};
+use crate::engine::digest::Digest;
+use crate::engine::executor::{Class, Executor, ExecutorError, Present};
+use crate::engine::resources::Resources;
+use crate::engine::store::claims::{Claim, Claims};
+
+/// So often workers are started while no job gets done.
+const PATIENCE: usize = 5;
+
+/// Time between two looks at what is wanted.
+const TICK: Duration = Duration::from_millis(20);
+
+/// What the driver and the thread tell each other.
+#[derive(Debug, Default)]
+struct Board {
+    /// Jobs that can be computed now, by class.
+    demand: Vec<usize>,
+    /// Jobs that are done.
+    done: usize,
+    /// Workers that have not been heard of for too long.
+    silent: BTreeSet<String>,
+    present: Vec<Present>,
+    problem: Option<ExecutorError>,
+    is_over: bool,
+    /// How the workers are to be left.
+    farewell: Farewell,
+}
+
+/// What becomes of the workers at the end.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Farewell {
+    /// They go on.
+    #[default]
+    Leave,
+    /// They end by themselves, or would find nothing to do.
+    Dismiss,
+    /// They are ended.
+    Cancel,
+}
+
+/// The workers of a run, as its driver sees them.
+pub struct Crew {
+    board: Arc<Mutex<Board>>,
+    thread: Option<JoinHandle<()>>,
+    /// Whether workers go on when the driver is interrupted.
+    pub outlives_driver: bool,
+}
+
+const NO_PANIC: &str = "no one panics while holding the board";
+
+impl Crew {
+    /// Begins to look after workers, at most `limit` of each class. `first` is the claim on that, if this driver has it.
+    pub fn begin(folder: &RunFolder, executor: Box<dyn Executor>, classes: &[Resources], limit: NonZeroUsize, first: Option<Claim>) -> Self {
+        let board: Arc<Mutex<Board>> = Arc::default();
+        board.lock().expect(NO_PANIC).demand = vec![0; classes.len()];
+        let outlives_driver = executor.outlives_driver();
+        let classes = classes.iter().enumerate().map(|(number, resources)| Class { number, resources: *resources }).collect();
+        let mut foreman = Foreman {
+            board: board.clone(),
+            executor,
+            classes,
+            limit: limit.get(),
+            drivers: folder.drivers(),
+            folder: folder.clone(),
+            claim: first,
+            looked: None,
+            started: vec![0; 0],
+            fruitless: 0,
+            done_before: 0,
+        };
+        let thread = std::thread::Builder::new().name("crew".into()).spawn(move || foreman.work());
+        Self { board, thread: Some(thread.expect("the system gives a thread")), outlives_driver }
+    }
+
+    /// Says how much there is to do.
+    pub fn want(&self, demand: Vec<usize>, done: usize, silent: BTreeSet<String>) {
+        let mut board = self.board.lock().expect(NO_PANIC);
+        (board.demand, board.done, board.silent) = (demand, done, silent);
+    }
+
+    /// Why there will be no workers, if so.
+    pub fn problem(&self) -> Option<ExecutorError> {
+        self.board.lock().expect(NO_PANIC).problem.clone()
+    }
+
+    /// Ends the care for the workers.
+    pub fn end(&mut self, farewell: Farewell) {
+        {
+            let mut board = self.board.lock().expect(NO_PANIC);
+            (board.is_over, board.farewell) = (true, farewell);
+        }
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The name under which drivers claim the care for the workers.
+pub fn driver_key() -> Digest {
+    Digest::of(b"driver")
+}
+
+/// What the thread knows.
+struct Foreman {
+    board: Arc<Mutex<Board>>,
+    executor: Box<dyn Executor>,
+    classes: Vec<Class>,
+    limit: usize,
+    drivers: Claims,
+    folder: RunFolder,
+    claim: Option<Claim>,
+    looked: Option<Instant>,
+    /// Workers of each class that were missing at the last look.
+    started: Vec<usize>,
+    /// So often workers were started since a job was done.
+    fruitless: usize,
+    done_before: usize,
+}
+
+impl Foreman {
+    fn work(&mut self) {
+        loop {
+            let (is_over, has_demand) = {
+                let board = self.board.lock().expect(NO_PANIC);
+                (board.is_over, board.demand.iter().any(|count| *count > 0))
+            };
+            if is_over {
+                return self.part();
+            }
+            self.tend_claim();
+            let is_due = self.looked.is_none_or(|moment| moment.elapsed() >= self.executor.interval());
+            if has_demand && is_due && self.claim.is_some() {
+                self.look();
+                self.looked = Some(Instant::now());
+            }
+            std::thread::sleep(TICK);
+        }
+    }
+
+    fn tend_claim(&mut self) {
+        let key = driver_key();
+        match &mut self.claim {
+            Some(claim) => claim.keep_alive(),
+            None if self.drivers.holder(&key).is_none() => self.claim = self.drivers.take(&key),
+            None => {}
+        }
+    }
+
+    fn part(&mut self) {
+        let farewell = self.board.lock().expect(NO_PANIC).farewell;
+        match farewell {
+            // Whoever watches beside another driver leaves the workers to that one.
+            _ if self.claim.is_none() => {}
+            Farewell::Leave => {}
+            Farewell::Dismiss => {
+                let _ = self.folder.order_end(Ending::Finish);
+                self.executor.dismiss();
+            }
+            Farewell::Cancel => {
+                let _ = self.folder.order_end(Ending::Now);
+                let _ = self.executor.cancel();
+            }
+        }
+    }
+
+    fn look(&mut self) {
+        // If the scheduler does not answer, those that are there work on, and it is asked again.
+        let Some(present) = self.executor.present() else { return };
+        let (demand, done) = {
+            let mut board = self.board.lock().expect(NO_PANIC);
+            let heard: Vec<Present> = present.into_iter().filter(|worker| !board.silent.contains(&worker.name)).collect();
+            board.present = heard;
+            (board.demand.clone(), board.done)
+        };
+        if done > self.done_before {
+            (self.fruitless, self.done_before) = (0, done);
+        }
+        let missing = self.missing(&demand);
+        let is_first = self.looked.is_none();
+        for (index, count) in missing.iter().enumerate() {
+            // A worker that is gone may have ended because all is done, which shows itself in a moment.
+            let count = if is_first { *count } else { (*count).min(self.started.get(index).copied().unwrap_or(0)) };
+            if count > 0 {
+                self.start(index, count);
+            }
+        }
+        self.started = missing;
+    }
+
+    /// How many workers of each class are fewer than there is work for.
+    fn missing(&self, demand: &[usize]) -> Vec<usize> {
+        let board = self.board.lock().expect(NO_PANIC);
+        let of_class = |number: usize| board.present.iter().filter(|worker| worker.class.is_none_or(|class| class == number)).count();
+        demand.iter().enumerate().map(|(number, jobs)| self.limit.min(*jobs).saturating_sub(of_class(number))).collect()
+    }
+
+    fn start(&mut self, index: usize, count: usize) {
+        self.fruitless += 1;
+        if self.fruitless > PATIENCE {
+            let problem = self.fruitless_problem();
+            self.board.lock().expect(NO_PANIC).problem = Some(problem);
+            return;
+        }
+        match self.executor.start(&self.classes[index], count) {
+            Ok(()) => {}
+            // While others work it is tried again.
+            Err(error) => {
+                let mut board = self.board.lock().expect(NO_PANIC);
+                if board.present.is_empty() {
+                    board.problem = Some(error);
+                }
+            }
+        }
+    }
+
+    fn fruitless_problem(&self) -> ExecutorError {
+        ExecutorError {
+            message: format!("workers were started {PATIENCE} times, and ended without finishing a job"),
+            hint: Some(format!("their logs say why: {}", self.executor.log_of("*").display())),
+        }
+    }
+}

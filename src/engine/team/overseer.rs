@@ -1,0 +1,215 @@
+//! What the driver of a run knows of the jobs that its workers compute.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::num::NonZeroUsize;
+use std::time::{Duration, Instant};
+
+use super::crew::{Crew, Farewell, driver_key};
+use super::folder::{Assignment, Ending, FailureNote, RunFolder};
+use super::journal::{Journals, Said};
+use crate::engine::digest::{Digest, DigestMap};
+use crate::engine::executor::{Executor, ExecutorError};
+use crate::engine::request::Request;
+use crate::engine::resources::Resources;
+use crate::engine::system::SystemError;
+
+/// What a run with workers is begun with.
+pub struct Hiring<'a> {
+    /// What was asked: a worker gets the same graph from it.
+    pub request: &'a Request,
+    /// Most workers of each class.
+    pub limit: NonZeroUsize,
+    /// Makes what starts workers, when the run has its folder.
+    pub executor: Box<dyn FnOnce(&RunFolder) -> Box<dyn Executor> + 'a>,
+    /// Told once, when the run has its folder and something is to be computed.
+    pub tell: Box<dyn FnOnce(&RunFolder) + 'a>,
+}
+
+/// Least time between two looks at the journals.
+const GLANCE: Duration = Duration::from_millis(20);
+
+/// Least time between two looks into the store for all that is awaited.
+const SWEEP: Duration = Duration::from_secs(1);
+
+/// A look may take this part of the time: the more there is to look at, the more seldom it is done.
+const SHARE: u32 = 10;
+
+/// A worker that has said nothing for so long does not count: it says something every ten seconds.
+const SILENCE: Duration = Duration::from_secs(60);
+
+/// Who computed a job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Author {
+    /// The machine.
+    pub host: String,
+    /// The worker's name.
+    pub worker: String,
+}
+
+/// What has happened since the last look.
+#[derive(Debug, Default)]
+pub struct News {
+    /// Keys of awaited jobs that may be in the store by now.
+    pub perhaps_done: Vec<Digest>,
+    /// Awaited jobs that failed.
+    pub failed: Vec<FailureNote>,
+    /// Whether someone has cancelled the run.
+    pub is_cancelled: bool,
+    /// Awaited jobs that were begun, with the machine.
+    pub begun: Vec<(Digest, String)>,
+}
+
+/// The driver's view of its workers.
+pub struct Overseer {
+    folder: RunFolder,
+    classes: Vec<Resources>,
+    crew: Crew,
+    journals: Journals,
+    hosts: BTreeMap<String, String>,
+    heard: BTreeMap<String, Instant>,
+    authors: DigestMap<Author>,
+    /// Jobs that workers are to compute, by key.
+    awaited: DigestMap<usize>,
+    demand: Vec<usize>,
+    /// Awaited jobs that a worker says it has computed.
+    announced: BTreeSet<Digest>,
+    next_look: Instant,
+    next_sweep: Instant,
+}
+
+impl Overseer {
+    /// Says what the run is and begins to look after its workers.
+    pub fn begin(folder: RunFolder, assignment: &Assignment, hiring: Hiring<'_>) -> Result<Self, SystemError> {
+        folder.prepare(assignment)?;
+        let mut drivers = folder.drivers();
+        let claim = if drivers.holder(&driver_key()).is_none() { drivers.take(&driver_key()) } else { None };
+        if claim.is_some() {
+            folder.forget_end();
+        }
+        (hiring.tell)(&folder);
+        let executor = (hiring.executor)(&folder);
+        let crew = Crew::begin(&folder, executor, &assignment.classes, hiring.limit, claim);
+        let now = Instant::now();
+        Ok(Self {
+            classes: assignment.classes.clone(),
+            crew,
+            journals: Journals::in_folder(folder.workers()),
+            folder,
+            hosts: BTreeMap::new(),
+            heard: BTreeMap::new(),
+            authors: DigestMap::default(),
+            awaited: DigestMap::default(),
+            demand: vec![0; assignment.classes.len()],
+            announced: BTreeSet::new(),
+            next_look: now,
+            next_sweep: now + SWEEP,
+        })
+    }
+
+    /// Leaves a job to the workers.
+    pub fn hand_out(&mut self, key: Digest, job: usize, asked: &Resources) {
+        self.awaited.insert(key, job);
+        let class = self.class_of(asked);
+        self.demand[class] += 1;
+    }
+
+    /// No longer awaits a job: it is done, or has failed.
+    pub fn take_back(&mut self, key: &Digest, asked: &Resources) {
+        if self.awaited.remove(key).is_some() {
+            let class = self.class_of(asked);
+            self.demand[class] -= 1;
+        }
+        self.announced.remove(key);
+    }
+
+    fn class_of(&self, asked: &Resources) -> usize {
+        self.classes.binary_search(asked).expect("the classes are those of the graph")
+    }
+
+    /// The job that is awaited under a key.
+    pub fn awaited(&self, key: &Digest) -> Option<usize> {
+        self.awaited.get(key).copied()
+    }
+
+    /// Whether workers still have something to do.
+    pub fn is_waiting(&self) -> bool {
+        !self.awaited.is_empty()
+    }
+
+    /// Who computed a job, if a worker of this run did.
+    pub fn author(&self, key: &Digest) -> Option<&Author> {
+        self.authors.get(key)
+    }
+
+    /// Why there will be no workers, if so.
+    pub fn problem(&self) -> Option<ExecutorError> {
+        self.crew.problem()
+    }
+
+    /// Looks at the journals, if it is time to. `done` is how many jobs are done.
+    pub fn news(&mut self, done: usize) -> Option<News> {
+        let begun = Instant::now();
+        if begun < self.next_look {
+            return None;
+        }
+        let mut news = News::default();
+        self.read_journals(&mut news);
+        let failed = self.folder.failed_keys();
+        news.failed = failed.iter().filter(|key| self.awaited.contains_key(*key)).filter_map(|key| self.folder.failure(key)).collect();
+        news.is_cancelled = self.folder.ordered_end() == Some(Ending::Now);
+        news.perhaps_done = self.announced.iter().copied().collect();
+        if begun >= self.next_sweep {
+            news.perhaps_done = self.awaited.keys().copied().collect();
+        }
+        self.crew.want(self.demand.clone(), done, self.silent());
+        self.next_look = Instant::now() + (begun.elapsed() * SHARE).max(GLANCE);
+        Some(news)
+    }
+
+    /// Notes how long it took to look for all that was named.
+    pub fn has_looked(&mut self, count: usize, time: Duration) {
+        if count == self.awaited.len() || Instant::now() >= self.next_sweep {
+            self.next_sweep = Instant::now() + (time * SHARE).max(SWEEP);
+        }
+    }
+
+    /// Reads what was said to the end, so that no author is missed.
+    pub fn read_to_the_end(&mut self) {
+        self.read_journals(&mut News::default());
+    }
+
+    fn read_journals(&mut self, news: &mut News) {
+        for (worker, said) in self.journals.news() {
+            self.heard.insert(worker.clone(), Instant::now());
+            match said {
+                Said::Began { host, .. } => drop(self.hosts.insert(worker, host)),
+                Said::Started { key, .. } if self.awaited.contains_key(&key) => {
+                    news.begun.push((key, self.hosts.get(&worker).cloned().unwrap_or_default()));
+                }
+                Said::Computed { key, .. } => {
+                    let host = self.hosts.get(&worker).cloned().unwrap_or_default();
+                    self.authors.insert(key, Author { host, worker });
+                    if self.awaited.contains_key(&key) {
+                        self.announced.insert(key);
+                    }
+                }
+                Said::Ended { .. } => drop(self.heard.remove(&worker)),
+                Said::Started { .. } | Said::GaveUp { .. } | Said::Alive => {}
+            }
+        }
+    }
+
+    fn silent(&self) -> BTreeSet<String> {
+        self.heard.iter().filter(|(_, moment)| moment.elapsed() > SILENCE).map(|(worker, _)| worker.clone()).collect()
+    }
+
+    /// The run is over.
+    pub fn end(&mut self, was_interrupted: bool) {
+        let farewell = match (was_interrupted, self.crew.outlives_driver) {
+            (true, true) => Farewell::Leave,
+            (true, false) => Farewell::Cancel,
+            (false, _) => Farewell::Dismiss,
+        };
+        self.crew.end(farewell);
+    }
+}
