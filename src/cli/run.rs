@@ -40,6 +40,10 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
     let manner = Manner { machine: command.machine, keep_going: command.keep_going, talk, view, team };
     let (request, places) = (command.work.request(), command.work.places.places());
     let finish = |summary: &Summary| {
+        let was_interrupted = interrupt.flag.load(std::sync::atomic::Ordering::Relaxed);
+        if let Some(farewell) = manner.team.as_ref().filter(|_| was_interrupted).and_then(Team::farewell) {
+            screen.say(&farewell);
+        }
         let ending = conclude(manner.talk, command.format, summary, &interrupt, screen);
         if command.show.report { with_report(ending, summary, &places, manner.talk, &interrupt, screen) } else { ending }
     };
@@ -197,7 +201,8 @@ pub fn conclude(talk: TalkArguments, format: PlanFormat, summary: &Summary, inte
         format!("{}\n", escape(&summary.manifest.display().to_string()))
     };
     let printed = screen.print(&text);
-    let is_of_the_system = summary.system_error.is_some() || summary.no_workers.is_some() || summary.failures.iter().any(|failure| failure.is_of_the_system);
+    let is_of_the_system =
+        summary.system_error.is_some() || summary.no_workers.is_some() || summary.failures.iter().any(|failure| failure.is_of_the_system);
     match summary.status {
         Status::Interrupted => interrupt.ending(),
         _ if is_of_the_system => Ending::System,

@@ -1,6 +1,7 @@
 //! Runs with workers: `pipeline run --executor`, `pipeline worker`, `status` and `cancel`.
 
 use std::num::NonZeroUsize;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use super::Ending;
@@ -30,6 +31,8 @@ pub struct Team {
     row: &'static Row,
     limit: NonZeroUsize,
     profile: Profile,
+    /// The id of the run, once it has one.
+    run: OnceLock<String>,
 }
 
 impl Team {
@@ -42,7 +45,7 @@ impl Team {
             };
         };
         let profile = arguments.profile.as_deref().map(Profile::find).transpose().map_err(|error| error.to_string())?;
-        Ok(Some(Self { row, limit: arguments.workers, profile: profile.unwrap_or_default() }))
+        Ok(Some(Self { row, limit: arguments.workers, profile: profile.unwrap_or_default(), run: OnceLock::new() }))
     }
 
     /// What the engine needs to have workers.
@@ -53,11 +56,19 @@ impl Team {
             self.executor(folder, threads, memory)
         };
         let tell = move |folder: &RunFolder| {
+            let _ = self.run.set(folder.id().to_owned());
             if !talk.quiet {
                 screen.say(&format!("run {}: `pipeline status {0}` and `pipeline cancel {0}`; {}\n", folder.id(), self.told(folder)));
             }
         };
-        Hiring { request, limit: self.limit, executor: Box::new(executor), tell: Box::new(tell) }
+        let outlives_driver = self.row.outlives_driver;
+        Hiring { request, limit: self.limit, outlives_driver, executor: Box::new(executor), tell: Box::new(tell) }
+    }
+
+    /// What someone must know who interrupted the driver.
+    pub fn farewell(&self) -> Option<String> {
+        let run = self.run.get().filter(|_| self.row.outlives_driver)?;
+        Some(format!("the workers of run {run} go on: the same command publishes what they compute, `pipeline cancel {run}` ends them\n"))
     }
 
     fn told(&self, folder: &RunFolder) -> String {
@@ -221,7 +232,7 @@ pub fn cancel(command: &CancelCommand, screen: &Screen) -> Ending {
     }
     let mut ending = Ending::Done;
     for row in EXECUTORS.iter().filter(|row| folder.has_executor(row.name)) {
-        let team = Team { row, limit: NonZeroUsize::MIN, profile: Profile::default() };
+        let team = Team { row, limit: NonZeroUsize::MIN, profile: Profile::default(), run: OnceLock::new() };
         if let Err(error) = team.executor(&folder, None, None).cancel() {
             screen.error(&error.message, error.hint.as_deref());
             ending = Ending::System;

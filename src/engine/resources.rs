@@ -51,8 +51,7 @@ impl Resources {
 
 /// The different demands of a graph's wanted jobs, in an order that is the same in every process.
 pub fn classes(graph: &Graph) -> Vec<Resources> {
-    let mut classes: Vec<Resources> =
-        graph.jobs.iter().filter(|job| job.is_wanted).map(|job| graph.stages[job.stage].resources).collect();
+    let mut classes: Vec<Resources> = graph.jobs.iter().filter(|job| job.is_wanted).map(|job| graph.stages[job.stage].resources).collect();
     classes.sort_unstable();
     classes.dedup();
     classes

@@ -9,6 +9,7 @@ use super::{Class, Executor, ExecutorError, Present, Row, Terms};
 pub const ROW: Row = Row {
     name: "manual",
     about: "workers are started by you, with `pipeline worker --run FOLDER`, on any machine that sees the folder",
+    outlives_driver: true,
     make: |terms| Box::new(Manual(terms)),
 };
 
@@ -32,10 +33,6 @@ impl Executor for Manual {
 
     fn interval(&self) -> Duration {
         Duration::from_secs(10)
-    }
-
-    fn outlives_driver(&self) -> bool {
-        true
     }
 
     fn log_of(&self, name: &str) -> PathBuf {

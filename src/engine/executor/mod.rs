@@ -22,6 +22,8 @@ pub struct Row {
     pub name: &'static str,
     /// What it does, for people.
     pub about: &'static str,
+    /// Whether its workers go on when the driver is interrupted.
+    pub outlives_driver: bool,
     /// Makes one.
     pub make: fn(Terms) -> Box<dyn Executor>,
 }
@@ -92,9 +94,6 @@ pub trait Executor: Send {
 
     /// Time between two looks.
     fn interval(&self) -> Duration;
-
-    /// Whether workers go on when the driver is interrupted.
-    fn outlives_driver(&self) -> bool;
 
     /// Where a worker's log is, for a message.
     fn log_of(&self, name: &str) -> PathBuf;

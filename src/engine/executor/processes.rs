@@ -17,6 +17,7 @@ use crate::engine::team::journal::{Journals, Said};
 pub const ROW: Row = Row {
     name: "processes",
     about: "worker processes on this machine",
+    outlives_driver: false,
     make: |terms| Box::new(Processes::new(terms)),
 };
 
@@ -100,24 +101,21 @@ impl Executor for Processes {
         self.look_for_strangers();
         self.signal(Signal::TERM);
         self.dismiss();
+        self.signal(Signal::KILL);
+        self.children.iter_mut().for_each(|(_, child)| drop(child.wait()));
         Ok(())
     }
 
+    /// They have been told, and end with what they are about; that may take longer than is waited for here.
     fn dismiss(&mut self) {
         let begun = Instant::now();
         while begun.elapsed() < FAREWELL && self.present().is_some_and(|present| !present.is_empty()) {
             std::thread::sleep(Duration::from_millis(5));
         }
-        self.signal(Signal::KILL);
-        self.children.iter_mut().for_each(|(_, child)| drop(child.wait()));
     }
 
     fn interval(&self) -> Duration {
         Duration::from_millis(100)
-    }
-
-    fn outlives_driver(&self) -> bool {
-        false
     }
 
     fn log_of(&self, name: &str) -> PathBuf {

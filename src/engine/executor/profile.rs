@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::catalogue::nearest;
 use crate::engine::diagnostic::{listed, quoted};
 use crate::engine::quantity;
-use crate::engine::source::{Findings, Sources, Finding, Place, did_you_mean};
+use crate::engine::source::{Finding, Findings, Place, Sources, did_you_mean};
 use crate::engine::yaml::{Entry, Node, Value, parse};
 
 /// A profile.
@@ -147,8 +147,7 @@ fn folder() -> PathBuf {
 /// The profiles that there are, for a message.
 fn known() -> String {
     let entries = std::fs::read_dir(folder()).into_iter().flatten().flatten();
-    let mut names: Vec<String> =
-        entries.filter_map(|entry| Some(quoted(entry.file_name().to_str()?.strip_suffix(".yaml")?))).collect();
+    let mut names: Vec<String> = entries.filter_map(|entry| Some(quoted(entry.file_name().to_str()?.strip_suffix(".yaml")?))).collect();
     names.sort();
     if names.is_empty() { String::new() } else { format!("; there are {}", listed(&names, "and")) }
 }
@@ -177,7 +176,9 @@ mod tests {
     #[test]
     fn mistakes_are_told_with_their_lines() {
         let said = read("partitoin: short\ntime: soon\nqos: a b\nsetup: one\n").unwrap_err().to_string();
-        for part in ["site.yaml:1:1: unknown key `partitoin`", "did you mean `partition`?", ":2:7: `time` must", ":3:6: `qos`", ":4:8: `setup`"] {
+        for part in
+            ["site.yaml:1:1: unknown key `partitoin`", "did you mean `partition`?", ":2:7: `time` must", ":3:6: `qos`", ":4:8: `setup`"]
+        {
             assert!(said.contains(part), "{part}: {said}");
         }
         assert!(Profile::find("no-such-site").unwrap_err().to_string().contains("there is no profile `no-such-site`"));

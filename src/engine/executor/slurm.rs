@@ -15,6 +15,7 @@ use super::{Class, Executor, ExecutorError, Present, Row, Terms, worker_argument
 pub const ROW: Row = Row {
     name: "slurm",
     about: "an array of workers on a Slurm cluster; the profile says where",
+    outlives_driver: true,
     make: |terms| Box::new(Slurm { terms }),
 };
 
@@ -40,7 +41,10 @@ impl Slurm {
         let command: Vec<String> = words.iter().map(|word| shell_word(word)).collect();
         let setup: String = profile.setup.iter().map(|line| format!("{line}\n")).collect();
         // The worker takes the place of the shell, so that it hears the signals of the scheduler.
-        format!("#!/bin/bash\n{setup}exec {} --name \"slurm-${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}\" --jobs \"${{SLURM_CPUS_PER_TASK:-1}}\"\n", command.join(" "))
+        format!(
+            "#!/bin/bash\n{setup}exec {} --name \"slurm-${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}\" --jobs \"${{SLURM_CPUS_PER_TASK:-1}}\"\n",
+            command.join(" ")
+        )
     }
 
     fn memory(&self, class: &Class) -> Option<u64> {
@@ -93,7 +97,10 @@ impl Slurm {
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|error| {
-            said(format!("cannot run `{program}`: {error}"), Some("is this a machine from which jobs are submitted? `sinfo` must work there"))
+            said(
+                format!("cannot run `{program}`: {error}"),
+                Some("is this a machine from which jobs are submitted? `sinfo` must work there"),
+            )
         })?;
         let _ = child.stdin.take().map(|mut stdin| stdin.write_all(input.as_bytes()));
         let output = child.wait_with_output().map_err(|error| said(format!("`{program}`: {error}"), None))?;
@@ -102,7 +109,10 @@ impl Slurm {
         }
         let text = String::from_utf8_lossy(&output.stderr);
         let lines: Vec<&str> = text.lines().map(|line| line.trim_start_matches("sbatch: ").trim_start_matches("error: ")).collect();
-        Err(said(format!("`{program}` says: {}", lines.join("; ")), Some("correct the profile: `sinfo` lists partitions, `sacctmgr show associations user=$USER` accounts; then run again")))
+        Err(said(
+            format!("`{program}` says: {}", lines.join("; ")),
+            Some("correct the profile: `sinfo` lists partitions, `sacctmgr show associations user=$USER` accounts; then run again"),
+        ))
     }
 }
 
@@ -176,10 +186,6 @@ impl Executor for Slurm {
 
     fn interval(&self) -> Duration {
         Duration::from_secs(10)
-    }
-
-    fn outlives_driver(&self) -> bool {
-        true
     }
 
     fn log_of(&self, name: &str) -> PathBuf {

@@ -102,7 +102,8 @@ fn hint(name: &str, outputs: &Path) -> Option<String> {
     if let Some(near) = nearest(name, known.iter().map(String::as_str)) {
         return Some(format!("did you mean {}?", quoted(near)));
     }
-    let latest = pipelines.iter().flat_map(|path| names(&path.join("runs"))).max();
+    let is_of_a_run = |name: &String| name.starts_with(|first: char| first.is_ascii_digit());
+    let latest = pipelines.iter().flat_map(|path| names(&path.join("runs"))).filter(is_of_a_run).max();
     Some(match latest {
         Some(latest) => format!("the latest run is {}", quoted(&latest)),
         None => "no pipeline has run yet there; `--outputs` names another folder".to_owned(),

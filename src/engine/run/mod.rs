@@ -13,8 +13,8 @@ use std::time::Instant;
 
 use super::artifact::ArtifactKind;
 use super::digest::Digest;
-use super::executor::ExecutorError;
 use super::events::{Event, Failure, Listener};
+use super::executor::ExecutorError;
 use super::freshness::{self, InputError, Plan};
 use super::graph::Graph;
 use super::history::History;

@@ -34,7 +34,7 @@ const LOOK: Duration = Duration::from_millis(10);
 const SHARE: u32 = 10;
 
 /// What is said of a job that another run computed while this one waited or was about to begin.
-pub(super) const COMPUTED_ELSEWHERE: &str = "computed by another run";
+const COMPUTED_ELSEWHERE: &str = "computed by another run";
 
 /// A job that runs here.
 pub struct Flight {

@@ -29,6 +29,7 @@ use std::time::{Duration, Instant};
 
 use super::digest::{Digest, DigestMap};
 use super::events::{Event, Failure, Listener};
+use super::executor::ExecutorError;
 use super::freshness::{Plan, fill_inputs};
 use super::history::History;
 use super::manifest::{JobEntry, Outcome, PublishedEntry, Standing, job_name};
@@ -38,7 +39,6 @@ use super::store::committer::Committer;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::system::SystemError;
-use super::executor::ExecutorError;
 use elsewhere::Flight;
 use role::Role;
 use state::{JobState, Order, Ready};

@@ -117,14 +117,23 @@ impl Scheduler<'_> {
         let Some(job) = self.awaited(key) else { return };
         let Some(record) = self.record_of_another(job, key) else { return };
         self.take_back(key, job);
-        let is_of_a_worker = matches!(&self.role, Role::Driver(overseer) if overseer.author(key).is_some());
-        if is_of_a_worker {
+        if self.is_of_a_worker(key) {
             let reason = self.state(job).entry.reason.clone();
             let prepared = self.settle_one(job, record, Outcome::Ran, reason);
             prepared.into_iter().for_each(|job| self.prepare(job));
         } else {
             self.settle_from_another(job, record);
         }
+    }
+
+    /// Whether a worker of this run says that it has computed what the store has.
+    pub(super) fn is_of_a_worker(&mut self, key: &Digest) -> bool {
+        let Role::Driver(overseer) = &mut self.role else { return false };
+        if overseer.author(key).is_none() {
+            // What is in the store was announced before, but perhaps not read.
+            overseer.read_again();
+        }
+        overseer.author(key).is_some()
     }
 
     fn take_failure(&mut self, note: FailureNote) {
@@ -144,12 +153,12 @@ impl Scheduler<'_> {
     /// At the end: what was taken for another run's work may turn out to be a worker's.
     pub(super) fn name_authors(&mut self) {
         let Role::Driver(overseer) = &mut self.role else { return };
-        overseer.read_to_the_end();
+        overseer.read_again();
         for state in self.jobs.iter_mut().flatten() {
             let author = state.entry.key.as_ref().and_then(|key| overseer.author(key));
             if let (Some(author), Some(measured)) = (author, &mut state.entry.measured) {
                 measured.host = Some(author.host.clone());
-                if state.entry.reason == super::elsewhere::COMPUTED_ELSEWHERE {
+                if state.entry.outcome == Outcome::Hit && !state.is_hit() {
                     state.entry.outcome = Outcome::Ran;
                 }
             }

@@ -14,6 +14,9 @@ use crate::engine::manifest::{JobMeasured, Outcome, job_name};
 use crate::engine::store::library::Lost;
 use crate::engine::store::record::ResultRecord;
 
+/// The results of a job, what is to be said to have become of it, and why.
+type Known = (ResultRecord, Outcome, String);
+
 impl Scheduler<'_> {
     /// Settles every job that the plan found in the store, and prepares those whose inputs are all settled.
     pub(super) fn begin(&mut self) {
@@ -83,14 +86,14 @@ impl Scheduler<'_> {
             if state.phase != Phase::Waiting || state.waiting != 0 {
                 continue;
             }
-            if let Some((record, reason)) = self.prepare_one(job) {
-                prepared.extend(self.settle_one(job, record, Outcome::Hit, reason));
+            if let Some((record, outcome, reason)) = self.prepare_one(job) {
+                prepared.extend(self.settle_one(job, record, outcome, reason));
             }
         }
     }
 
     /// The results, if the store or a job with the same key has them; else the job is ready, or follows another.
-    pub(super) fn prepare_one(&mut self, job: usize) -> Option<(ResultRecord, String)> {
+    pub(super) fn prepare_one(&mut self, job: usize) -> Option<Known> {
         let shared = self.shared.clone();
         let node = &shared.graph.jobs[job];
         let content = |item: &InputNode| self.state(item.job).content(item.result);
@@ -107,7 +110,10 @@ impl Scheduler<'_> {
                 return self.follow(job, leader);
             }
             if let Some(record) = self.look_up(job, &key) {
-                return Some((record, HIT_REASON.to_owned()));
+                if self.is_of_a_worker(&key) {
+                    return Some((record, Outcome::Ran, self.history_reason(job)));
+                }
+                return Some((record, Outcome::Hit, HIT_REASON.to_owned()));
             }
         }
         self.make_ready(job, key, reason);
@@ -115,11 +121,11 @@ impl Scheduler<'_> {
     }
 
     /// A job with the same key as another of this run has its results, or will have.
-    pub(super) fn follow(&mut self, job: usize, leader: usize) -> Option<(ResultRecord, String)> {
+    pub(super) fn follow(&mut self, job: usize, leader: usize) -> Option<Known> {
         match self.state(leader).record.clone() {
             Some(record) if self.state(leader).is_settled() => {
                 let reason = format!("the same as {}", job_name(&self.shared.graph, &self.shared.graph.jobs[leader]));
-                Some((record, reason))
+                Some((record, Outcome::Hit, reason))
             }
             _ => {
                 self.state_mut(leader).followers.push(job);
@@ -147,14 +153,15 @@ impl Scheduler<'_> {
         }
     }
 
+    /// Why a job runs that the store does not have.
+    fn history_reason(&mut self, job: usize) -> String {
+        let entry = self.state(job).entry.clone();
+        self.history.reason(&entry)
+    }
+
     pub(super) fn make_ready(&mut self, job: usize, key: Digest, reason: &'static str) {
         let reason = if !reason.is_empty() { reason } else { self.state(job).rerun_reason };
-        let reason = if reason.is_empty() {
-            let entry = self.state(job).entry.clone();
-            self.history.reason(&entry)
-        } else {
-            reason.to_owned()
-        };
+        let reason = if reason.is_empty() { self.history_reason(job) } else { reason.to_owned() };
         self.by_key.insert(key, job);
         let state = self.state_mut(job);
         state.entry.reason = reason;

@@ -73,6 +73,7 @@ pub fn runs(outputs: &Path, policy: &Policy, now: SystemTime) -> Vec<Run> {
 /// The folders of the runs of a pipeline; the latest come first.
 fn folders(pipeline: &Path) -> Vec<Entry> {
     let mut folders = entries_of(&pipeline.join("runs")).unwrap_or_default();
+    folders.retain(|entry| !entry.is_plain && is_run_id(&entry.name));
     // A run's name begins with its time, in seconds.
     folders.sort_by_key(|entry| std::cmp::Reverse((entry.name.get(..TIME_LENGTH).map(str::to_owned), entry.modified)));
     folders
@@ -105,8 +106,7 @@ pub fn surplus_folders(outputs: &Path, policy: &Policy, now: SystemTime) -> Vec<
     for pipeline in entries_of(outputs).unwrap_or_default() {
         // Where no run stands this may be no pipeline's folder, or a run may be about to end.
         let Some(standing) = manifest_in(&pipeline.path) else { continue };
-        let mut folders = folders(&pipeline.path);
-        folders.retain(|entry| !entry.is_plain && is_run_id(&entry.name));
+        let folders = folders(&pipeline.path);
         let (kept, others) = folders.split_at(count.min(folders.len()));
         let mut named: BTreeSet<String> = kept.iter().filter_map(|entry| manifest_in(&entry.path)?.results_of).collect();
         named.insert(standing.run_id);

@@ -156,7 +156,9 @@ fn folder_of(file: &Path) -> PathBuf {
 
 fn sources(sources: &Sources, folder: &Path) -> Vec<Source> {
     let files = sources.files();
-    files.map(|file| Source { path: relative(Path::new(&file.shown), folder), read_as: file.path.clone(), text: file.text.clone() }).collect()
+    files
+        .map(|file| Source { path: relative(Path::new(&file.shown), folder), read_as: file.path.clone(), text: file.text.clone() })
+        .collect()
 }
 
 /// A path as the manifest shows it: relative to the pipeline's folder, or the name alone where it lies elsewhere.

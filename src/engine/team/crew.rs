@@ -18,6 +18,9 @@ use crate::engine::store::claims::{Claim, Claims};
 /// So often workers are started while no job gets done.
 const PATIENCE: usize = 5;
 
+/// So long it is seen whether workers are missing at all.
+const MOMENT: Duration = Duration::from_secs(1);
+
 /// Time between two looks at what is wanted.
 const TICK: Duration = Duration::from_millis(20);
 
@@ -53,18 +56,21 @@ pub enum Farewell {
 pub struct Crew {
     board: Arc<Mutex<Board>>,
     thread: Option<JoinHandle<()>>,
-    /// Whether workers go on when the driver is interrupted.
-    pub outlives_driver: bool,
 }
 
 const NO_PANIC: &str = "no one panics while holding the board";
 
 impl Crew {
     /// Begins to look after workers, at most `limit` of each class. `first` is the claim on that, if this driver has it.
-    pub fn begin(folder: &RunFolder, executor: Box<dyn Executor>, classes: &[Resources], limit: NonZeroUsize, first: Option<Claim>) -> Self {
+    pub fn begin(
+        folder: &RunFolder,
+        executor: Box<dyn Executor>,
+        classes: &[Resources],
+        limit: NonZeroUsize,
+        first: Option<Claim>,
+    ) -> Self {
         let board: Arc<Mutex<Board>> = Arc::default();
         board.lock().expect(NO_PANIC).demand = vec![0; classes.len()];
-        let outlives_driver = executor.outlives_driver();
         let classes = classes.iter().enumerate().map(|(number, resources)| Class { number, resources: *resources }).collect();
         let mut foreman = Foreman {
             board: board.clone(),
@@ -75,12 +81,11 @@ impl Crew {
             folder: folder.clone(),
             claim: first,
             looked: None,
-            started: vec![0; 0],
             fruitless: 0,
             done_before: 0,
         };
         let thread = std::thread::Builder::new().name("crew".into()).spawn(move || foreman.work());
-        Self { board, thread: Some(thread.expect("the system gives a thread")), outlives_driver }
+        Self { board, thread: Some(thread.expect("the system gives a thread")) }
     }
 
     /// Says how much there is to do.
@@ -100,7 +105,8 @@ impl Crew {
             let mut board = self.board.lock().expect(NO_PANIC);
             (board.is_over, board.farewell) = (true, farewell);
         }
-        if let Some(thread) = self.thread.take() {
+        // A scheduler that does not answer must not keep someone who leaves.
+        if let Some(thread) = self.thread.take().filter(|_| farewell != Farewell::Leave) {
             let _ = thread.join();
         }
     }
@@ -121,8 +127,6 @@ struct Foreman {
     folder: RunFolder,
     claim: Option<Claim>,
     looked: Option<Instant>,
-    /// Workers of each class that were missing at the last look.
-    started: Vec<usize>,
     /// So often workers were started since a job was done.
     fruitless: usize,
     done_before: usize,
@@ -177,41 +181,41 @@ impl Foreman {
     fn look(&mut self) {
         // If the scheduler does not answer, those that are there work on, and it is asked again.
         let Some(present) = self.executor.present() else { return };
-        let (demand, done) = {
+        {
             let mut board = self.board.lock().expect(NO_PANIC);
-            let heard: Vec<Present> = present.into_iter().filter(|worker| !board.silent.contains(&worker.name)).collect();
-            board.present = heard;
-            (board.demand.clone(), board.done)
-        };
-        if done > self.done_before {
-            (self.fruitless, self.done_before) = (0, done);
+            board.present = present.into_iter().filter(|worker| !board.silent.contains(&worker.name)).collect();
         }
-        let missing = self.missing(&demand);
-        let is_first = self.looked.is_none();
-        for (index, count) in missing.iter().enumerate() {
-            // A worker that is gone may have ended because all is done, which shows itself in a moment.
-            let count = if is_first { *count } else { (*count).min(self.started.get(index).copied().unwrap_or(0)) };
-            if count > 0 {
-                self.start(index, count);
-            }
+        if self.looked.is_some() && self.missing().iter().any(|count| *count > 0) {
+            // Workers that are gone may have ended because all is done, which shows itself in a moment.
+            std::thread::sleep(self.executor.interval().min(MOMENT));
         }
-        self.started = missing;
-    }
-
-    /// How many workers of each class are fewer than there is work for.
-    fn missing(&self, demand: &[usize]) -> Vec<usize> {
-        let board = self.board.lock().expect(NO_PANIC);
-        let of_class = |number: usize| board.present.iter().filter(|worker| worker.class.is_none_or(|class| class == number)).count();
-        demand.iter().enumerate().map(|(number, jobs)| self.limit.min(*jobs).saturating_sub(of_class(number))).collect()
-    }
-
-    fn start(&mut self, index: usize, count: usize) {
+        let missing = self.missing();
+        if missing.iter().all(|count| *count == 0) {
+            return;
+        }
         self.fruitless += 1;
         if self.fruitless > PATIENCE {
             let problem = self.fruitless_problem();
             self.board.lock().expect(NO_PANIC).problem = Some(problem);
             return;
         }
+        missing.into_iter().enumerate().filter(|(_, count)| *count > 0).for_each(|(index, count)| self.start(index, count));
+    }
+
+    /// How many workers of each class are fewer than there is work for.
+    fn missing(&mut self) -> Vec<usize> {
+        let board = self.board.lock().expect(NO_PANIC);
+        if board.done > self.done_before {
+            (self.fruitless, self.done_before) = (0, board.done);
+        }
+        if board.is_over {
+            return Vec::new();
+        }
+        let of_class = |number: usize| board.present.iter().filter(|worker| worker.class.is_none_or(|class| class == number)).count();
+        board.demand.iter().enumerate().map(|(number, jobs)| self.limit.min(*jobs).saturating_sub(of_class(number))).collect()
+    }
+
+    fn start(&mut self, index: usize, count: usize) {
         match self.executor.start(&self.classes[index], count) {
             Ok(()) => {}
             // While others work it is tried again.

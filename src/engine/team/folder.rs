@@ -257,7 +257,7 @@ impl RunFolder {
 
     /// Makes the folder and says what the run is, unless that stands there already.
     pub fn prepare(&self, assignment: &Assignment) -> Result<(), SystemError> {
-        for folder in [&self.workers(), &self.path.join(FAILURES)] {
+        for folder in [&self.workers(), &self.path.join(FAILURES), &self.path.join(DRIVERS)] {
             fs::create_dir_all(folder).map_err(SystemError::at("create", folder))?;
         }
         self.put(ASSIGNMENT, line(assignment).as_bytes()).map(drop)
@@ -344,7 +344,7 @@ impl RunFolder {
 
     /// Who drives the run: of several drivers one starts workers, and the others watch.
     pub fn drivers(&self) -> Claims {
-        Claims::in_folder(self.path.join("drivers"), 0o777)
+        Claims::in_folder(self.path.join(DRIVERS), 0o700)
     }
 
     /// Says that workers were asked of an executor, so that they can be ended.
@@ -368,6 +368,7 @@ impl RunFolder {
 
 const WORKERS: &str = "workers";
 const FAILURES: &str = "failures";
+const DRIVERS: &str = "drivers";
 const FINISH: &str = "finish";
 const NOW: &str = "cancelled";
 

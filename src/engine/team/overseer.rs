@@ -19,6 +19,8 @@ pub struct Hiring<'a> {
     pub request: &'a Request,
     /// Most workers of each class.
     pub limit: NonZeroUsize,
+    /// Whether workers go on when this process is interrupted.
+    pub outlives_driver: bool,
     /// Makes what starts workers, when the run has its folder.
     pub executor: Box<dyn FnOnce(&RunFolder) -> Box<dyn Executor> + 'a>,
     /// Told once, when the run has its folder and something is to be computed.
@@ -63,6 +65,7 @@ pub struct News {
 pub struct Overseer {
     folder: RunFolder,
     classes: Vec<Resources>,
+    outlives_driver: bool,
     crew: Crew,
     journals: Journals,
     hosts: BTreeMap<String, String>,
@@ -73,6 +76,8 @@ pub struct Overseer {
     demand: Vec<usize>,
     /// Awaited jobs that a worker says it has computed.
     announced: BTreeSet<Digest>,
+    /// What was read and is not told yet.
+    unheard: News,
     next_look: Instant,
     next_sweep: Instant,
 }
@@ -92,6 +97,7 @@ impl Overseer {
         let now = Instant::now();
         Ok(Self {
             classes: assignment.classes.clone(),
+            outlives_driver: hiring.outlives_driver,
             crew,
             journals: Journals::in_folder(folder.workers()),
             folder,
@@ -101,6 +107,7 @@ impl Overseer {
             awaited: DigestMap::default(),
             demand: vec![0; assignment.classes.len()],
             announced: BTreeSet::new(),
+            unheard: News::default(),
             next_look: now,
             next_sweep: now + SWEEP,
         })
@@ -109,6 +116,9 @@ impl Overseer {
     /// Leaves a job to the workers.
     pub fn hand_out(&mut self, key: Digest, job: usize, asked: &Resources) {
         self.awaited.insert(key, job);
+        if self.authors.contains_key(&key) {
+            self.announced.insert(key);
+        }
         let class = self.class_of(asked);
         self.demand[class] += 1;
     }
@@ -152,7 +162,7 @@ impl Overseer {
         if begun < self.next_look {
             return None;
         }
-        let mut news = News::default();
+        let mut news = std::mem::take(&mut self.unheard);
         self.read_journals(&mut news);
         let failed = self.folder.failed_keys();
         news.failed = failed.iter().filter(|key| self.awaited.contains_key(*key)).filter_map(|key| self.folder.failure(key)).collect();
@@ -173,9 +183,11 @@ impl Overseer {
         }
     }
 
-    /// Reads what was said to the end, so that no author is missed.
-    pub fn read_to_the_end(&mut self) {
-        self.read_journals(&mut News::default());
+    /// Reads what was said meanwhile, so that no author is missed.
+    pub fn read_again(&mut self) {
+        let mut news = std::mem::take(&mut self.unheard);
+        self.read_journals(&mut news);
+        self.unheard = news;
     }
 
     fn read_journals(&mut self, news: &mut News) {
@@ -205,7 +217,7 @@ impl Overseer {
 
     /// The run is over.
     pub fn end(&mut self, was_interrupted: bool) {
-        let farewell = match (was_interrupted, self.crew.outlives_driver) {
+        let farewell = match (was_interrupted, self.outlives_driver) {
             (true, true) => Farewell::Leave,
             (true, false) => Farewell::Cancel,
             (false, _) => Farewell::Dismiss,
