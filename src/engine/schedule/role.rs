@@ -64,9 +64,8 @@ impl Scheduler<'_> {
 
     /// Takes in what workers did.
     pub(super) fn oversee(&mut self) {
-        let done = self.settled_count;
         let Role::Driver(overseer) = &mut self.role else { return };
-        let Some(news) = overseer.news(done) else { return };
+        let Some(news) = overseer.news() else { return };
         if news.is_cancelled {
             self.interrupted_at.get_or_insert_with(Instant::now);
             self.is_stopping = true;
@@ -84,12 +83,28 @@ impl Scheduler<'_> {
         }
         let Role::Driver(overseer) = &mut self.role else { return };
         overseer.has_looked(count, begun.elapsed());
+        let open = self.open_jobs();
+        let Role::Driver(overseer) = &mut self.role else { return };
+        overseer.want(&open, self.settled_count);
         if let Some(problem) = overseer.problem()
             && self.ledger.no_workers.is_none()
         {
             self.ledger.no_workers = Some(problem);
             self.is_stopping = true;
         }
+    }
+
+    /// How many jobs of each stage have neither a result nor failed, with what they ask for.
+    fn open_jobs(&self) -> Vec<(Resources, usize)> {
+        let graph = &self.shared.graph;
+        let mut counts: Vec<(Resources, usize)> = graph.stages.iter().map(|stage| (stage.resources, 0)).collect();
+        for (node, state) in graph.jobs.iter().zip(&self.jobs) {
+            let is_open = state.as_ref().is_some_and(|state| !state.is_settled() && !state.has_failed());
+            counts[node.stage].1 += usize::from(is_open);
+        }
+        // A stage that no one wants has no class.
+        counts.retain(|(_, count)| *count > 0);
+        counts
     }
 
     fn awaited(&self, key: &Digest) -> Option<usize> {

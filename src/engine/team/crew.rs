@@ -27,7 +27,7 @@ const TICK: Duration = Duration::from_millis(20);
 /// What the driver and the thread tell each other.
 #[derive(Debug, Default)]
 struct Board {
-    /// Jobs that can be computed now, by class.
+    /// Workers that there would be work for, by class.
     demand: Vec<usize>,
     /// Jobs that are done.
     done: usize,

@@ -73,7 +73,8 @@ pub struct Overseer {
     authors: DigestMap<Author>,
     /// Jobs that workers are to compute, by key.
     awaited: DigestMap<usize>,
-    demand: Vec<usize>,
+    /// Their number by class.
+    ready: Vec<usize>,
     /// Awaited jobs that a worker says it has computed.
     announced: BTreeSet<Digest>,
     /// What was read and is not told yet.
@@ -105,7 +106,7 @@ impl Overseer {
             heard: BTreeMap::new(),
             authors: DigestMap::default(),
             awaited: DigestMap::default(),
-            demand: vec![0; assignment.classes.len()],
+            ready: vec![0; assignment.classes.len()],
             announced: BTreeSet::new(),
             unheard: News::default(),
             next_look: now,
@@ -120,14 +121,14 @@ impl Overseer {
             self.announced.insert(key);
         }
         let class = self.class_of(asked);
-        self.demand[class] += 1;
+        self.ready[class] += 1;
     }
 
     /// No longer awaits a job: it is done, or has failed.
     pub fn take_back(&mut self, key: &Digest, asked: &Resources) {
         if self.awaited.remove(key).is_some() {
             let class = self.class_of(asked);
-            self.demand[class] -= 1;
+            self.ready[class] -= 1;
         }
         self.announced.remove(key);
     }
@@ -156,8 +157,8 @@ impl Overseer {
         self.crew.problem()
     }
 
-    /// Looks at the journals, if it is time to. `done` is how many jobs are done.
-    pub fn news(&mut self, done: usize) -> Option<News> {
+    /// Looks at the journals, if it is time to.
+    pub fn news(&mut self) -> Option<News> {
         let begun = Instant::now();
         if begun < self.next_look {
             return None;
@@ -171,9 +172,21 @@ impl Overseer {
         if begun >= self.next_sweep {
             news.perhaps_done = self.awaited.keys().copied().collect();
         }
-        self.crew.want(self.demand.clone(), done, self.silent());
         self.next_look = Instant::now() + (begun.elapsed() * SHARE).max(GLANCE);
         Some(news)
+    }
+
+    /// Says how many jobs are not done, with what they ask for, and how many are: so many workers are wanted, once there is
+    /// something for them to begin with.
+    pub fn want(&self, open: &[(Resources, usize)], done: usize) {
+        let mut wanted = vec![0; self.classes.len()];
+        for (asked, count) in open {
+            wanted[self.class_of(asked)] += count;
+        }
+        for (wanted, ready) in wanted.iter_mut().zip(&self.ready) {
+            *wanted = if *ready == 0 { 0 } else { *wanted };
+        }
+        self.crew.want(wanted, done, self.silent());
     }
 
     /// Notes how long it took to look for all that was named.
