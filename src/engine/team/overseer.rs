@@ -13,6 +13,9 @@ use crate::engine::request::Request;
 use crate::engine::resources::Resources;
 use crate::engine::system::SystemError;
 
+/// Makes what starts the workers of the run in a folder.
+pub type Maker<'a> = Box<dyn FnOnce(&RunFolder) -> Box<dyn Executor> + 'a>;
+
 /// What a run with workers is begun with.
 pub struct Hiring<'a> {
     /// What was asked: a worker gets the same graph from it.
@@ -22,7 +25,7 @@ pub struct Hiring<'a> {
     /// Whether workers go on when this process is interrupted.
     pub outlives_driver: bool,
     /// Makes what starts workers, when the run has its folder.
-    pub executor: Box<dyn FnOnce(&RunFolder) -> Box<dyn Executor> + 'a>,
+    pub executor: Maker<'a>,
     /// Told once, when the run has its folder and something is to be computed.
     pub tell: Box<dyn FnOnce(&RunFolder) + 'a>,
 }
