@@ -103,10 +103,11 @@ impl Claims {
     fn take_path(&self, path: PathBuf) -> Option<Claim> {
         let make = || files::link(&path, &self.text);
         let made = make().or_else(|error| match error.kind() {
-            io::ErrorKind::NotFound => {
-                files::make_folder(&self.folder, self.folder_mode)?;
-                make()
-            }
+            // Another run may make the folder in the same moment.
+            io::ErrorKind::NotFound => match files::make_folder(&self.folder, self.folder_mode) {
+                Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
+                _ => make(),
+            },
             // A file server may answer the repetition of a call that had succeeded.
             io::ErrorKind::AlreadyExists if is_text(&path, &self.text) => Ok(()),
             _ => Err(error),
@@ -241,6 +242,7 @@ mod tests {
 
     #[test]
     fn exactly_one_of_many_threads_wins_a_claim() {
+        // Without a folder of claims, which one of them makes.
         let (_folder, one, _) = two_runs();
         let key = Digest::of(b"job");
         let others: Vec<Claims> = (0..8).map(|_| Claims::in_folder(one.folder.clone(), 0o700)).collect();
