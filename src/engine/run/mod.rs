@@ -155,7 +155,7 @@ pub fn run(
     outputs.prepare()?;
     known.library.tidy();
     memory::tell_damage(&graph, places, &known.library);
-    let role = role(&graph, &plan, places, settings, hiring)?;
+    let role = role(&graph, &plan, places, &known.library, settings, hiring)?;
     let (library, index) = (known.library.clone(), &known.index);
     let history = History::new(outputs.path(), &graph);
     let world = World { history, index, signatures: &mut known.signatures, standing: standing.as_ref(), began: clock.steady, role };
@@ -164,9 +164,17 @@ pub fn run(
 }
 
 /// What this process does of the run: all of it, or it has a folder with workers from here on.
-fn role(graph: &Graph, plan: &Plan, places: &Places, settings: Settings, hiring: Option<Hiring<'_>>) -> Result<Role, SystemError> {
+fn role(
+    graph: &Graph,
+    plan: &Plan,
+    places: &Places,
+    library: &Library,
+    settings: Settings,
+    hiring: Option<Hiring<'_>>,
+) -> Result<Role, SystemError> {
     let has_work = plan.jobs.iter().flatten().any(|job| job.record.is_none());
     let Some(hiring) = hiring.filter(|_| has_work) else { return Ok(Role::Alone) };
+    library.prepare()?;
     let digest = plan_digest(graph, plan, places, settings.keep_going);
     let folder = RunFolder::of_plan(places, &graph.pipeline, &digest);
     let assignment = Assignment::new(graph, plan, digest, hiring.request, places, settings.keep_going);

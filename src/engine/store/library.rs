@@ -96,6 +96,11 @@ impl Library {
         self.objects.claims()
     }
 
+    /// Makes the store, if there is none yet, so that claims can be made in it before the first result.
+    pub fn prepare(&self) -> Result<(), SystemError> {
+        self.objects.draft().map(drop)
+    }
+
     /// Clears what dead processes left.
     pub fn tidy(&self) {
         self.objects.tidy();
