@@ -222,16 +222,15 @@ impl RunFolder {
         }
         let list = |path: &Path| fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path()).collect::<Vec<_>>();
         let runs_of = |pipeline: &Path| list(&pipeline.join("runs")).into_iter().filter(|path| is_folder(path)).collect::<Vec<_>>();
-        let by_id = || list(outputs).iter().flat_map(|pipeline| runs_of(pipeline)).find(|path| id_of(path) == name);
         let by_pipeline = || {
             let is_plain = named.components().count() == 1;
             let mut runs = if is_plain { runs_of(&outputs.join(named)) } else { Vec::new() };
             runs.sort_by_key(|path| fs::metadata(path.join(WORKERS)).and_then(|status| status.modified()).ok());
             runs.pop()
         };
-        let name_of_folder = name.strip_prefix(PREFIX).unwrap_or(name);
-        let by_name = || list(outputs).iter().flat_map(|pipeline| runs_of(pipeline)).find(|path| id_of(path) == name_of_folder);
-        let path = by_id().or_else(by_name).or_else(by_pipeline).ok_or_else(|| FolderError::Missing(name.to_owned()))?;
+        let id = name.strip_prefix(PREFIX).unwrap_or(name);
+        let by_id = || list(outputs).iter().flat_map(|pipeline| runs_of(pipeline)).find(|path| id_of(path) == id);
+        let path = by_id().or_else(by_pipeline).ok_or_else(|| FolderError::Missing(name.to_owned()))?;
         Ok(Self { path: std::path::absolute(&path).unwrap_or(path) })
     }
 
