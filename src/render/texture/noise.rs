@@ -67,11 +67,11 @@ impl<T: Texel> Noise<T> {
             let along = way.as_dvec3() * self.scale;
             let length = along.length();
             if length == 0.0 || !length.is_finite() {
-                return self.b.less(self.b);
+                return self.b - self.b;
             }
             let offset = along * (step / length);
             let change = (self.share(place + offset) - self.share(place - offset)) * length / (2.0 * step);
-            self.b.less(self.a).scaled(change as f32)
+            (self.b - self.a) * change as f32
         })
     }
 
