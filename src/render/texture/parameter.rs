@@ -84,7 +84,7 @@ pub struct BitmapParameters {
     #[serde(default)]
     pub filter: Interpolation,
     /// What the values of a PNG or PPM mean; other formats are linear. Default `srgb` for light and reflectances, `data`
-    /// for numbers and normals.
+    /// for numbers, indices of refraction and normals.
     #[serde(default)]
     pub decoding: Option<Decoding>,
     /// Factor on the values. Default 1.
