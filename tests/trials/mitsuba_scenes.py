@@ -278,7 +278,7 @@ def main():
             print(f"{name:22} {mean:9.5f} {other:9.5f} {100 * (mean / other - 1):7.3f} {z:6.2f} {worst:6.2f}{shape}{'' if is_near else '  MISSED'}", flush=True)
     if missed:
         sys.exit(f"beyond {ERRORS} standard errors and {100 * SHARE} %: {', '.join(missed)}")
-    print(f"all {len(names)} within {ERRORS} standard errors and {100 * SHARE} % of the mean")
+    print(f"all {len(names)} within {ERRORS} standard errors and {100 * SHARE} % of the mean, Disney's within {100 * ENERGY} % and correlated by {SHAPE}")
 
 
 if __name__ == "__main__":
