@@ -69,26 +69,15 @@ pub struct VolumePathParameters {
 impl VolumePathParameters {
     /// What it has in common with paths between surfaces.
     pub fn path(&self) -> PathParameters {
-        let &Self {
-            max_depth,
-            roulette_depth,
-            strategy,
-            environment,
-            mis_compensation,
-            bsdf_sampling,
-            emitter_candidates,
-            clamp_indirect,
-            tracking: _,
-        } = self;
         PathParameters {
-            max_depth,
-            roulette_depth,
-            strategy,
-            environment,
-            mis_compensation,
-            bsdf_sampling,
-            emitter_candidates,
-            clamp_indirect,
+            max_depth: self.max_depth,
+            roulette_depth: self.roulette_depth,
+            strategy: self.strategy,
+            environment: self.environment,
+            mis_compensation: self.mis_compensation,
+            bsdf_sampling: self.bsdf_sampling,
+            emitter_candidates: self.emitter_candidates,
+            clamp_indirect: self.clamp_indirect,
         }
     }
 }
