@@ -6,9 +6,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::catalogue::nearest;
-use crate::engine::diagnostic::listed;
-use crate::engine::executor::EXECUTORS;
+use crate::engine::executor::{self, THREADS};
 use crate::engine::quantity;
 use crate::engine::request::{JOB_LIMIT, Request};
 use crate::engine::run::Places;
@@ -229,7 +227,7 @@ pub struct ShowArguments {
 #[derive(Debug, Clone, Args)]
 pub struct TeamArguments {
     /// Who computes: threads of this process, processes, slurm, or manual (workers that you start)
-    #[arg(long, value_name = "NAME", default_value = THREADS, value_parser = executor_name)]
+    #[arg(long, value_name = "NAME", default_value = THREADS, value_parser = executor::checked_name)]
     pub executor: String,
     /// Most workers at once, of each class of resources
     #[arg(long, value_name = "W", default_value = "2")]
@@ -237,19 +235,6 @@ pub struct TeamArguments {
     /// What the site asks for: the name of a file in ~/.config/pipeline/profiles, or a path
     #[arg(long, value_name = "NAME")]
     pub profile: Option<String>,
-}
-
-/// The executor that needs no workers.
-pub const THREADS: &str = "threads";
-
-fn executor_name(text: &str) -> Result<String, String> {
-    let names: Vec<&str> = std::iter::once(THREADS).chain(EXECUTORS.iter().map(|row| row.name)).collect();
-    if names.contains(&text) {
-        return Ok(text.to_owned());
-    }
-    let near = nearest(text, names.iter().copied()).map(|name| format!("did you mean `{name}`? ")).unwrap_or_default();
-    let known: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
-    Err(format!("{near}they are {}", listed(&known, "and")))
 }
 
 /// Arguments of `worker`.

@@ -5,14 +5,14 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use super::Ending;
-use super::arguments::{CancelCommand, Format, MachineArguments, StatusCommand, THREADS, TalkArguments, TeamArguments, WorkerCommand};
+use super::arguments::{CancelCommand, Format, MachineArguments, StatusCommand, TalkArguments, TeamArguments, WorkerCommand};
 use super::progress::Progress;
 use super::run::{Listeners, Manner, failure_text, refuse};
 use super::screen::{Screen, escaped_lines, json_text};
 use super::signals::Interrupt;
 use crate::engine::diagnostic::escape;
 use crate::engine::executor::profile::Profile;
-use crate::engine::executor::{EXECUTORS, Executor, Row, Terms};
+use crate::engine::executor::{EXECUTORS, Executor, Row, THREADS, Terms};
 use crate::engine::owner::host_name;
 use crate::engine::request::Request;
 use crate::engine::run::{self, Service};

@@ -12,8 +12,11 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::diagnostic::listed;
 use super::resources::Resources;
+use super::source::did_you_mean;
 use super::team::folder::RunFolder;
+use crate::catalogue::nearest;
 use profile::Profile;
 
 /// One row of the table.
@@ -30,6 +33,20 @@ pub struct Row {
 
 /// All of them.
 pub const EXECUTORS: [Row; 3] = [processes::ROW, slurm::ROW, manual::ROW];
+
+/// The name that means no workers: threads of the process itself.
+pub const THREADS: &str = "threads";
+
+/// The name of an executor, or of none; the error says what there is.
+pub fn checked_name(text: &str) -> Result<String, String> {
+    let names: Vec<&str> = std::iter::once(THREADS).chain(EXECUTORS.iter().map(|row| row.name)).collect();
+    if names.contains(&text) {
+        return Ok(text.to_owned());
+    }
+    let near = did_you_mean(nearest(text, names.iter().copied())).map(|hint| format!("{hint} ")).unwrap_or_default();
+    let known: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+    Err(format!("{near}they are {}", listed(&known, "and")))
+}
 
 /// What every worker of a run is given.
 #[derive(Debug, Clone)]
@@ -116,6 +133,6 @@ mod tests {
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), EXECUTORS.len());
-        assert!(EXECUTORS.iter().all(|row| row.about.len() > 10 && row.name != "threads"));
+        assert!(EXECUTORS.iter().all(|row| row.about.len() > 10 && row.name != THREADS));
     }
 }
