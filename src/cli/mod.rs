@@ -16,6 +16,7 @@ mod screen;
 mod shell;
 mod signals;
 mod store;
+mod travel;
 mod verify;
 mod viewing;
 mod watch;

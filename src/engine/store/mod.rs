@@ -6,6 +6,9 @@
 //! saves work and decides nothing; `index` and the file of stat signatures are caches that can be rebuilt. `inventory`,
 //! `verification`, `collection` and `runs` look after a store as a whole.
 
+pub mod address;
+#[cfg(feature = "s3")]
+pub mod bucket;
 pub mod claims;
 pub mod collection;
 pub mod committer;
@@ -14,6 +17,13 @@ pub mod index;
 pub mod inventory;
 pub mod library;
 pub mod objects;
+pub mod probe;
 pub mod record;
 pub mod runs;
+pub mod signing;
+pub mod tiers;
+pub mod transfer;
 pub mod verification;
+
+#[cfg(test)]
+mod weak_store_tests;
