@@ -26,7 +26,10 @@ const SHOWN: usize = 10;
 pub fn push(command: &PushCommand, screen: &Screen) -> Result<Ending, SystemError> {
     let (near, far) = stores(&command.store, &command.target)?;
     if !far.is_writable {
-        screen.error(&format!("`{}` can only be read: there are no credentials or no rights to write", far.name), None);
+        screen.error(
+            &format!("`{}` can only be read", far.name),
+            Some("there are no credentials or no rights to write there, or `--store-trust` is given without a key that signs"),
+        );
         return Ok(Ending::System);
     }
     let interrupt = Interrupt::listen();

@@ -178,11 +178,14 @@ fn records_of_a_key_that_is_not_trusted_are_no_records() {
     assert_eq!(ran(&world.run_with(&machine(), read_only(with(None, &[ours.public()]))).unwrap()), 0);
 }
 
+/// What becomes of the bytes of an object; none if it goes.
+type Spoil = fn(&[u8]) -> Option<Vec<u8>>;
+
 /// Everything that a far store may hold is wrong in every way, one after the other: never a wrong result, and healed.
 #[test]
 fn damage_afar_is_passed_over_told_and_healed() {
     let (expected, files) = right();
-    let spoils: [(&str, fn(&[u8]) -> Option<Vec<u8>>); 5] = [
+    let spoils: [(&str, Spoil); 5] = [
         ("gone", |_| None),
         ("empty", |_| Some(Vec::new())),
         ("short", |bytes| Some(bytes[..bytes.len() / 2].to_vec())),

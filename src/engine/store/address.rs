@@ -85,7 +85,10 @@ impl Remote {
                 (bucket, is_writable, false)
             }
         };
-        Ok(Far { objects, name: self.address.to_string(), is_writable: may_write && !self.is_read_only, is_quick, keys: self.keys.clone() })
+        // Who takes only what is signed, and signs nothing, would put records there that no one who asks the same can take.
+        let may_add = self.keys.signing.is_some() || self.keys.trusted.is_none();
+        let is_writable = may_write && may_add && !self.is_read_only;
+        Ok(Far { objects, name: self.address.to_string(), is_writable, is_quick, keys: self.keys.clone() })
     }
 }
 

@@ -115,7 +115,7 @@ impl FolderStore {
             // What is not there, or cannot be looked at, is found out when it is used.
             let Ok(status) = files::status(&folder) else { continue };
             if let Some(what) = danger(&status, user) {
-                let advice = "if that is meant to be so, pass `--allow-shared-store`";
+                let advice = "if that is meant to be so, pass `--allow-shared-store` (of a remote store, `--store-trust` does too)";
                 return Err(SystemError::at("use", &folder)(io::Error::other(format!("{what}; {advice}"))));
             }
         }

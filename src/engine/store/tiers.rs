@@ -81,7 +81,7 @@ struct Account {
     /// Reads that were not allowed, and those that were.
     denied: u64,
     granted: u64,
-    untrusted: u64,
+    untrusted: HashSet<(Shelf, String)>,
     damaged: HashSet<(Shelf, String)>,
     first_damage: String,
     differing: Vec<String>,
@@ -404,7 +404,7 @@ impl Account {
     fn note(&mut self, (shelf, name): (Shelf, &str), fault: Fault) {
         match fault {
             Fault::Missing | Fault::Stopped => {}
-            Fault::Untrusted => self.untrusted += 1,
+            Fault::Untrusted => drop(self.untrusted.insert((shelf, name.to_owned()))),
             Fault::Damaged(what) => {
                 if self.damaged.insert((shelf, name.to_owned())) && self.first_damage.is_empty() {
                     self.first_damage = format!("{} `{name}`: {what}", shelf.noun());
@@ -445,10 +445,10 @@ impl Account {
                 self.first_damage
             ));
         }
-        if self.untrusted > 0 {
-            let records = if self.untrusted == 1 { "a record is" } else { "records are" };
-            let count = if self.untrusted == 1 { String::new() } else { format!("{} ", self.untrusted) };
-            notices.push(format!("{store}: {count}{records} not signed by a key that is trusted here, and passed over"));
+        if !self.untrusted.is_empty() {
+            let records =
+                if self.untrusted.len() == 1 { "1 record is".to_owned() } else { format!("{} records are", self.untrusted.len()) };
+            notices.push(format!("{store}: {records} not signed by a key that is trusted here, and passed over"));
         }
         if let Some(first) = self.differing.first() {
             let others = self.differing.len() - 1;
