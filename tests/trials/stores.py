@@ -9,18 +9,19 @@ nothing; what fails there is told once and costs work, never a result.
 The program needs the feature `s3` for the servers (`moto[server]` of PyPI, `cargo install s3s-fs --features binary`); what is not there is skipped aloud.
 """
 import argparse
+import http.client
 import http.server
 import json
 import os
 import pathlib
 import random
+import re
 import shutil
 import socket
 import subprocess
 import tempfile
 import threading
 import time
-import urllib.error
 import urllib.request
 
 import trial
@@ -241,12 +242,11 @@ class Proxy:
                 if fault == "unconditional":
                     headers.pop("If-None-Match", None)
                     headers.pop("if-none-match", None)
-                request = urllib.request.Request(proxy.target + self.path, body or None, headers, method=self.command)
-                try:
-                    with urllib.request.urlopen(request, timeout=60) as response:
-                        status, head, found = response.status, response.headers, response.read()
-                except urllib.error.HTTPError as error:
-                    status, head, found = error.code, error.headers, error.read()
+                connection = http.client.HTTPConnection(proxy.target.removeprefix("http://"), timeout=60)
+                connection.request(self.command, self.path, body or None, headers)
+                response = connection.getresponse()
+                status, head, found = response.status, response.headers, response.read()
+                connection.close()
                 if fault == "silence":
                     # It was done, and the answer is lost.
                     self.close_connection = True
@@ -340,12 +340,12 @@ def faults(right, server, bucket):
             if len(set(notes)) != len(notes) or len(notes) > 4:
                 trial.fail(f"{server.name}: {name}: it is told more than once:\n{said}")
             after = right.machine()
-            summary_after, _ = after.run("--store-remote", place, env=server.environment())
+            summary_after, said_after = after.run("--store-remote", place, env=server.environment())
             right.check(after, summary_after, f"{server.name}: after {name}")
             healed = right.machine()
-            last, _ = healed.run("--store-remote", place, env=server.environment())
+            last, said_last = healed.run("--store-remote", place, env=server.environment())
             if trial.executed(last) != 0:
-                trial.fail(f"{server.name}: after {name}: not healed: {last}")
+                trial.fail(f"{server.name}: after {name}: not healed:\n{said}\n{said_after}\n{said_last}")
             state = "a full store" if is_filled else "an empty store"
             print(
                 f"passed: {server.name}: {name}, {state} ({proxy.hits} of {proxy.count} requests, {trial.executed(summary)} jobs ran, "
@@ -360,19 +360,20 @@ def has_buckets(program):
     return "built without" not in said
 
 
-def ask(server, path, body=None):
+def ask(server, path, method="PUT", **further):
     """A request of an owner, as far as moto looks."""
-    headers = {"Authorization": "AWS4-HMAC-SHA256 Credential=trial/20260101/us-east-1/s3/aws4_request"}
-    request = urllib.request.Request(f"{server.url}/{path}", body, headers, method="PUT")
+    headers = {"Authorization": "AWS4-HMAC-SHA256 Credential=trial/20260101/us-east-1/s3/aws4_request", **further}
+    request = urllib.request.Request(f"{server.url}/{path}", None, headers, method=method)
     with urllib.request.urlopen(request, timeout=20) as response:
-        assert response.status in (200, 204)
+        return response.read().decode()
 
 
 def open_to_readers(server, name):
-    """Anyone may read the bucket from now on."""
-    resources = [f"arn:aws:s3:::{name}", f"arn:aws:s3:::{name}/*"]
-    statement = {"Effect": "Allow", "Principal": "*", "Action": ["s3:GetObject", "s3:ListBucket"], "Resource": resources}
-    ask(server, f"{name}?policy", json.dumps({"Version": "2012-10-17", "Statement": [statement]}).encode())
+    """Anyone may read what is in the bucket now."""
+    public = {"x-amz-acl": "public-read"}
+    ask(server, f"{name}?acl", **public)
+    for key in re.findall("<Key>(.*?)</Key>", ask(server, f"{name}?list-type=2", "GET")):
+        ask(server, f"{name}/{key}?acl", **public)
 
 
 def main():

@@ -134,8 +134,12 @@ impl Objects for Bucket {
     }
 
     fn has(&self, shelf: Shelf, name: &str) -> bool {
+        self.length(shelf, name).is_some()
+    }
+
+    fn length(&self, shelf: Shelf, name: &str) -> Option<u64> {
         let path = self.path_of(shelf, name);
-        self.call(|server| async move { server.head(&path).await }).is_ok()
+        self.call(|server| async move { server.head(&path).await }).ok().map(|object| object.size)
     }
 
     fn draft(&self) -> Result<Box<dyn Draft>, SystemError> {

@@ -245,6 +245,10 @@ impl Objects for FolderStore {
         files::link_status(&self.layout.path_of(shelf, name)).is_ok()
     }
 
+    fn length(&self, shelf: Shelf, name: &str) -> Option<u64> {
+        files::link_status(&self.layout.path_of(shelf, name)).ok().map(|status| status.len())
+    }
+
     fn draft(&self) -> Result<Box<dyn Draft>, SystemError> {
         self.prepare()?;
         let path = self.layout.temporary().join(temporary_name());

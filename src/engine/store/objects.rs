@@ -59,6 +59,9 @@ pub trait Objects: Send + Sync {
     /// Whether anything stands under the name, good or bad.
     fn has(&self, shelf: Shelf, name: &str) -> bool;
 
+    /// Bytes of what stands under the name, if anything does.
+    fn length(&self, shelf: Shelf, name: &str) -> Option<u64>;
+
     /// Begins an object whose name is not known yet.
     fn draft(&self) -> Result<Box<dyn Draft>, SystemError>;
 

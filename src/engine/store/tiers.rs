@@ -118,6 +118,10 @@ impl Objects for Tiers {
         self.0.near.has(shelf, name) || (is_shared(shelf) && (self.0.is_borrowed(shelf, name) || far_has()))
     }
 
+    fn length(&self, shelf: Shelf, name: &str) -> Option<u64> {
+        self.0.near.length(shelf, name)
+    }
+
     fn draft(&self) -> Result<Box<dyn Draft>, SystemError> {
         self.0.near.draft()
     }
@@ -311,7 +315,7 @@ impl Inner {
             let stop = AtomicBool::new(false);
             // A near store that takes nothing is no fault of the far one, and is told of by whoever writes next.
             let carry = || {
-                self.way_here(&stop).carry_blob(&digest, None).map_err(|fault| match fault {
+                self.way_here(&stop).carry_blob(&digest, None, false).map_err(|fault| match fault {
                     Fault::Target(_) => Fault::Missing,
                     fault => fault,
                 })

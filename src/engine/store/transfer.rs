@@ -138,8 +138,11 @@ impl Way<'_> {
         let record = read_record(self.from, self.from_keys, shelf, name)?;
         for blob in record.separate_blobs() {
             let name = blob.digest.to_string();
-            if (self.is_suspect)(Shelf::Blobs, &name) || !self.to.has(Shelf::Blobs, &name) {
-                self.carry_blob(&blob.digest, Some(blob.size))?;
+            let length = self.to.length(Shelf::Blobs, &name);
+            // What was cut short is replaced; whether the bytes are right is seen by who reads them.
+            let is_wrong = length.is_some_and(|length| length != blob.size) || (self.is_suspect)(Shelf::Blobs, &name);
+            if is_wrong || length.is_none() {
+                self.carry_blob(&blob.digest, Some(blob.size), is_wrong)?;
             }
         }
         self.carry_text(shelf, name, &record)
@@ -173,8 +176,8 @@ impl Way<'_> {
         Some(if there.has_same_results(record) { Carried::WasThere } else { Carried::Differs })
     }
 
-    /// Carries a blob, of which the size may be known.
-    pub fn carry_blob(&self, digest: &Digest, size: Option<u64>) -> Result<(), Fault> {
+    /// Carries a blob, of which the size may be known, perhaps in the place of what stands there.
+    pub fn carry_blob(&self, digest: &Digest, size: Option<u64>, replaces: bool) -> Result<(), Fault> {
         let name = digest.to_string();
         let reader = self.from.open(Shelf::Blobs, &name).map_err(of_the_source)?;
         let mut reader = HashingReader::new(reader.take(size.map_or(u64::MAX, |size| size.saturating_add(1))));
@@ -195,7 +198,7 @@ impl Way<'_> {
         if found != *digest || size.is_some_and(|size| size != length) {
             return Err(Fault::Damaged(DISAGREES));
         }
-        let kept = match (self.is_suspect)(Shelf::Blobs, &name) {
+        let kept = match replaces {
             true => draft.keep(Shelf::Blobs, &name),
             false => draft.keep_new(Shelf::Blobs, &name).map(drop),
         };

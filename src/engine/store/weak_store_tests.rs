@@ -78,6 +78,10 @@ impl Objects for Weak {
         self.refusal().is_ok() && self.weakness != Lags && self.inner.has(shelf, name)
     }
 
+    fn length(&self, shelf: Shelf, name: &str) -> Option<u64> {
+        self.has(shelf, name).then(|| self.inner.length(shelf, name)).flatten()
+    }
+
     fn draft(&self) -> Result<Box<dyn Draft>, SystemError> {
         self.refusal().map_err(SystemError::at("write", "far"))?;
         Ok(Box::new(WeakDraft { inner: self.inner.draft()?, weakness: self.weakness }))
