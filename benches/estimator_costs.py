@@ -37,7 +37,7 @@ class Costs:
         (self.folder / "p.yaml").write_text(f"version: 1\npipeline: costs\nseed: 7\nstages:\n{lines}")
         subprocess.run(["rm", "-rf", self.folder / "outputs"], check=True)
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([self.given.program, "run", "-q", "-j", "1", "p.yaml"], cwd=self.folder, check=True)
+        subprocess.run([self.given.program, "run", "-q", "-j", "1", "p.yaml"], cwd=self.folder, check=True, stdout=subprocess.DEVNULL)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

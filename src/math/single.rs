@@ -56,11 +56,13 @@ pub fn exp2(x: f32) -> f32 {
     /// Adding and subtracting 1.5 · 2^23 rounds to the nearest integer.
     const ROUNDER: f32 = 12_582_912.0;
     let bounded = x.clamp(-126.0, 127.0);
-    let k = (bounded + ROUNDER) - ROUNDER;
+    let rounded = bounded + ROUNDER;
+    let k = rounded - ROUNDER;
     let t = (bounded - k) * LN_2;
     let series =
         1.0 + t * (1.0 + t * (1.0 / 2.0 + t * (1.0 / 6.0 + t * (1.0 / 24.0 + t * (1.0 / 120.0 + t * (1.0 / 720.0 + t * (1.0 / 5040.0)))))));
-    let scale = f32::from_bits(((k as i32 + 127) as u32) << 23);
+    // The lowest bits of `rounded` are k; taking them from there keeps the loops around this function in vector registers.
+    let scale = f32::from_bits(rounded.to_bits().wrapping_add(127) << 23);
     if x < -126.0 { 0.0 } else { series * scale }
 }
 

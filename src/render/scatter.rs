@@ -1,4 +1,4 @@
-//! Measures of anything that draws directions: BSDFs, warps.
+//! Measures of anything that draws directions: BSDFs, phase functions, warps.
 //!
 //! What draws directions by a density that it can tell is a [`Scatter`]; a grid of cells of equal solid angle then compares
 //! how many directions fall into each with how many should. The integral over a cell is found by refining it until two
@@ -12,7 +12,10 @@ use crate::math::statistics::{ChiSquareTest, chi_square_test};
 use crate::math::stream::{Purpose, Stream};
 use crate::math::{elementary, single, sphere};
 use crate::render::bsdf::Transport;
+use crate::render::bsdf::disney::Gtr1;
 use crate::render::bsdf::measure::View;
+use crate::render::bsdf::microfacet::Facets;
+use crate::render::medium::phase::Phase;
 
 /// Something that draws directions by a density that it can tell.
 pub trait Scatter {
@@ -53,12 +56,18 @@ impl Scatter for View<'_> {
 }
 
 /// Maps of the unit square to directions, whose value is their density.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Warp {
     /// All directions alike.
     UniformSphere,
-    /// By the cosine to +z.
+    /// By the cosine to +z, of a square laid on the disk without folds (Shirley and Chiu 1997).
     CosineHemisphere,
+    /// By the cosine to +z, in polar coordinates (Malley).
+    PolarCosineHemisphere,
+    /// By D cos: all normals of facets.
+    Normals(Facets),
+    /// By D cos: the normals of the clear coat of `disney`.
+    CoatNormals(Gtr1),
 }
 
 impl Scatter for Warp {
@@ -66,20 +75,50 @@ impl Scatter for Warp {
         let direction = match self {
             Self::UniformSphere => sphere::uniform_sphere(point.map(f64::from)).as_vec3().normalize(),
             Self::CosineHemisphere => Vec3::from_array(single::cosine_hemisphere(point)),
+            Self::PolarCosineHemisphere => sphere::cosine_hemisphere(point.map(f64::from)).as_vec3().normalize(),
+            Self::Normals(facets) => facets.sample(Vec3::Z, point),
+            Self::CoatNormals(coat) => coat.sample(point),
         };
         Some(Drawn { direction, weight: Vec3::ONE, is_delta: false })
     }
 
     fn value_and_pdf(&self, direction: Vec3) -> (Vec3, f32) {
         let pdf = match self {
-            Self::UniformSphere => sphere::uniform_sphere_pdf(),
-            Self::CosineHemisphere => sphere::cosine_hemisphere_pdf(f64::from(direction.z)),
+            Self::UniformSphere => sphere::uniform_sphere_pdf() as f32,
+            Self::CosineHemisphere | Self::PolarCosineHemisphere => sphere::cosine_hemisphere_pdf(f64::from(direction.z)) as f32,
+            Self::Normals(facets) => facets.density(direction, 1.0) * direction.z.max(0.0),
+            Self::CoatNormals(coat) => coat.density(direction) * direction.z.max(0.0),
         };
-        (Vec3::splat(pdf as f32), pdf as f32)
+        (Vec3::splat(pdf), pdf)
     }
 
     fn covers_sphere(&self) -> bool {
         *self == Self::UniformSphere
+    }
+}
+
+/// A phase function, seen from where light comes out of the medium: directions are those from which it came.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scattering {
+    /// The phase function.
+    pub phase: Phase,
+    /// Unit vector towards the viewer.
+    pub outgoing: Vec3,
+}
+
+impl Scatter for Scattering {
+    fn draw(&self, _choice: f32, point: [f32; 2]) -> Option<Drawn> {
+        let direction = self.phase.sample(-self.outgoing, point);
+        Some(Drawn { direction, weight: Vec3::ONE, is_delta: false })
+    }
+
+    fn value_and_pdf(&self, direction: Vec3) -> (Vec3, f32) {
+        let value = self.phase.value(-self.outgoing, direction);
+        (Vec3::splat(value), value)
+    }
+
+    fn covers_sphere(&self) -> bool {
+        true
     }
 }
 
@@ -243,6 +282,8 @@ mod tests {
     use super::*;
     use crate::render::bsdf::DirectionSampling;
     use crate::render::bsdf::material::Material;
+    use crate::render::bsdf::microfacet::{FacetDistribution, Masking, NormalSampling};
+    use crate::render::medium::phase::{HenyeyGreensteinParameters, PhaseDescription};
     use crate::render::texture::TexturePoint;
 
     fn view(text: &str, degrees: f64) -> View<'static> {
@@ -255,8 +296,8 @@ mod tests {
         let cells = Cells::of(scatter, 12);
         let (survey, count) = (cells.survey(scatter), cells.count_drawn(scatter, 20_000, 3));
         let test = survey.test(&count);
-        // Eight tests, once in a hundred sets of seeds.
-        assert!(test.p_value > 1e-3 && test.degrees_of_freedom > 10, "{name}: {test:?}");
+        // Thirteen tests, once in a thousand sets of seeds.
+        assert!(test.p_value > 1e-4 && test.degrees_of_freedom > 10, "{name}: {test:?}");
         let mean = count.mean_weight.element_sum() / 3.0;
         let found = survey.albedo.element_sum() / 3.0;
         assert!((found - albedo).abs() < 2e-3, "{name}: {found} instead of {albedo}");
@@ -267,6 +308,16 @@ mod tests {
     fn warps_and_bsdfs_are_drawn_by_their_density() {
         assert_sound("uniform", &Warp::UniformSphere, 1.0);
         assert_sound("cosine", &Warp::CosineHemisphere, 1.0);
+        assert_sound("polar cosine", &Warp::PolarCosineHemisphere, 1.0);
+        assert_sound("coat", &Warp::CoatNormals(Gtr1::new(0.3)), 1.0);
+        for (name, distribution) in [("GGX", FacetDistribution::Ggx), ("Beckmann", FacetDistribution::Beckmann)] {
+            let facets = Facets { distribution, masking: Masking::Correlated, sampling: NormalSampling::AllNormals, alpha: 0.4 };
+            assert_sound(name, &Warp::Normals(facets), 1.0);
+        }
+        for g in [0.0, 0.6, -0.8] {
+            let phase = PhaseDescription::HenyeyGreenstein(HenyeyGreensteinParameters { g }).compiled();
+            assert_sound(&format!("g = {g}"), &Scattering { phase, outgoing: Vec3::new(0.6, 0.0, -0.8) }, 1.0);
+        }
         assert_sound("diffuse", &view("diffuse: { reflectance: 0.6 }", 45.0), 0.6);
         // Section 8 of the specification.
         assert_sound("metal", &view("rough-conductor: { metal: ideal, alpha: 0.25 }", 45.0), 0.8862);

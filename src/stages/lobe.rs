@@ -16,19 +16,23 @@ use crate::figure::table::{Cell, Column, Table};
 use crate::image::colormap::Colormap;
 use crate::image::raster::Picture;
 use crate::math::elementary;
+use crate::render::bsdf::disney::Gtr1;
 use crate::render::bsdf::material::Material;
-use crate::render::bsdf::measure::View;
+use crate::render::bsdf::measure::{View, outgoing_at};
+use crate::render::bsdf::microfacet::{FacetDistribution, Facets, Masking, NormalSampling};
 use crate::render::bsdf::{BsdfDescription, DirectionSampling};
-use crate::render::scatter::{Cells, Count, Scatter, Survey, Warp};
+use crate::render::medium::phase::PhaseDescription;
+use crate::render::scatter::{Cells, Count, Scatter, Scattering, Survey, Warp};
 use crate::render::texture::TexturePoint;
 
-/// Measures how a BSDF or a warp scatters light, and whether it draws directions by the density that it tells.
+/// Measures how a BSDF, a phase function or a warp scatters light, and whether it draws directions by the density that it tells.
 ///
 /// The first result is a slice of the lobe in the plane of incidence: `angle_deg` from the normal, positive on the side
 /// to which a mirror reflects (beyond 90 degrees below the surface), `r`, `g`, `b` of value times cosine, and `pdf`. `cells`
 /// has the expected and the drawn number of directions of every cell of a grid of equal solid angles, and `picture` shows
 /// both side by side. `test` is the chi-square test of them. `albedo` has the share of light that is scattered, by
 /// the angle of the outgoing direction: by integration (delta lobes apart) and as the mean weight of drawn directions.
+/// Of a phase function, light comes out at `outgoing_degrees` and directions are those from which it came: `g` > 0 has its peak opposite.
 ///
 /// ```yaml
 /// gold: { lobe: { of: { bsdf: { rough-conductor: { metal: gold, alpha: 0.2 } } }, outgoing_degrees: 60 }, save: { picture: png, test: csv } }
@@ -38,7 +42,7 @@ use crate::render::texture::TexturePoint;
 pub struct Lobe {
     /// What is measured. Textures are asked at u = v = 0; a picture file cannot be read here.
     pub of: Measured,
-    /// Angle between the outgoing direction and the normal; beyond 90 from behind. Default 45. A warp has none.
+    /// Angle between the outgoing direction and the normal; beyond 90 from behind. Default 45. Without meaning for a warp.
     #[serde(default = "usual_angle")]
     #[schemars(range(min = 0, max = 180), extend("x-unit" = "degrees"))]
     pub outgoing_degrees: f64,
@@ -82,18 +86,62 @@ fn usual_step() -> f64 {
 pub enum Measured {
     /// A BSDF, as in a scene.
     Bsdf(BsdfDescription),
+    /// A phase function, as in a scene's media.
+    Phase(PhaseDescription),
     /// A map of the unit square to directions.
-    Warp(WarpName),
+    Warp(WarpDescription),
 }
 
 /// Maps of the unit square to directions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum WarpName {
+pub enum WarpDescription {
     /// All directions alike.
     UniformSphere,
-    /// By the cosine to the normal.
+    /// By the cosine to the normal, of a square laid on the disk without folds (Shirley and Chiu 1997).
     CosineHemisphere,
+    /// By the cosine to the normal, in polar coordinates.
+    PolarCosineHemisphere,
+    /// Normals of the facets of GGX (GTR2): by D cos.
+    Ggx(Width),
+    /// Normals of the facets of Beckmann: by D cos.
+    Beckmann(Width),
+    /// Normals of the clear coat of `disney` (Burley 2012): by D cos.
+    Gtr1(CoatWidth),
+}
+
+/// Of a distribution of normals.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Width {
+    /// Width of the distribution of slopes.
+    #[schemars(range(min = 0.001, max = 1))]
+    pub alpha: f32,
+}
+
+/// Of a clear coat's normals.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CoatWidth {
+    /// Width of the distribution, below 1.
+    #[schemars(range(min = 0.001, max = 0.99))]
+    pub alpha: f32,
+}
+
+impl WarpDescription {
+    fn compiled(self) -> Warp {
+        let normals = |distribution, Width { alpha }| {
+            Warp::Normals(Facets { distribution, masking: Masking::default(), sampling: NormalSampling::AllNormals, alpha })
+        };
+        match self {
+            Self::UniformSphere => Warp::UniformSphere,
+            Self::CosineHemisphere => Warp::CosineHemisphere,
+            Self::PolarCosineHemisphere => Warp::PolarCosineHemisphere,
+            Self::Ggx(width) => normals(FacetDistribution::Ggx, width),
+            Self::Beckmann(width) => normals(FacetDistribution::Beckmann, width),
+            Self::Gtr1(CoatWidth { alpha }) => Warp::CoatNormals(Gtr1::new(alpha)),
+        }
+    }
 }
 
 impl Stage for Lobe {
@@ -126,8 +174,14 @@ impl Stage for Lobe {
                 let last = if bsdf.is_transmissive() { 180.0 } else { 90.0 };
                 self.measured(job, last, |degrees| View::at_degrees(bsdf, degrees))
             }
-            Measured::Warp(WarpName::UniformSphere) => self.measured(job, 0.0, |_| Warp::UniformSphere),
-            Measured::Warp(WarpName::CosineHemisphere) => self.measured(job, 0.0, |_| Warp::CosineHemisphere),
+            Measured::Phase(description) => {
+                let phase = description.compiled();
+                self.measured(job, 180.0, |degrees| Scattering { phase, outgoing: outgoing_at(degrees) })
+            }
+            Measured::Warp(description) => {
+                let warp = description.compiled();
+                self.measured(job, 0.0, |_| warp)
+            }
         }
     }
 }

@@ -18,6 +18,7 @@ use crate::formats::{self, Content, Limits};
 use crate::image::raster::Image;
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
+use crate::render::emitter::EnvironmentParameters;
 use crate::render::film::sums::{Block, Film, Window};
 use crate::render::medium::grid::Voxels;
 use crate::render::mesh::{Mesh, read};
@@ -214,19 +215,25 @@ impl Render {
         Some(Mistake { field, message, hint: Some(hint) })
     }
 
-    /// Entries of emitters that stand for what the stage was not given.
+    /// Entries of emitters that stand for what the stage was not given, or hide what it was.
     fn missing_ports(&self) -> Vec<Mistake> {
         let scene = &self.scene.0;
         let missing = [
-            ("env", scene.has_environment_entry() && self.env.is_none(), "envmap"),
+            ("env", scene.environment().is_some_and(EnvironmentParameters::is_of_stage) && self.env.is_none(), "envmap"),
             ("lights", scene.has_lights_entry() && self.lights.is_none(), "lights"),
         ];
+        let is_unseen = self.env.is_some() && scene.environment().is_some_and(|environment| !environment.is_of_stage());
+        let unseen = is_unseen.then(|| Mistake {
+            field: "env".into(),
+            message: "the scene has an `environment` of its own, and nothing would be seen of `env`".into(),
+            hint: Some("remove one of them".into()),
+        });
         let mistake = |(port, _, gives): (&str, bool, &str)| Mistake {
             field: "scene.emitters".into(),
             message: format!("the scene asks for the stage's `{port}`, which is missing"),
             hint: Some(format!("set `{port}` to a stage that gives {gives}")),
         };
-        missing.into_iter().filter(|(_, is_missing, _)| *is_missing).map(mistake).collect()
+        missing.into_iter().filter(|(_, is_missing, _)| *is_missing).map(mistake).chain(unseen).collect()
     }
 }
 

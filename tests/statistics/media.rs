@@ -57,10 +57,12 @@ fn without_media_it_is_the_path_tracer_bit_for_bit() {
         let text = still("{ sobol: { samples_per_pixel: 64 } }", "KIND");
         let expected = of("path", &text);
         assert_eq!(of("volume-path", &text), expected, "{rest}");
-        // A vacuum is no medium either.
-        let boxed =
-            text.replace("shapes:", "shapes:\n  - { box: { min: [-4, -2, -4], max: [4, 4, 6] }, medium: { homogeneous: { sigma_t: 0 } } }");
-        assert_eq!(of("volume-path", &boxed), expected, "{rest}, in a box of nothing");
+        // A vacuum is no medium either, not even where its boundary lies in the floor.
+        for bottom in [-2.0, -0.6] {
+            let vacuum = format!("{{ box: {{ min: [-4, {bottom}, -4], max: [4, 4, 6] }}, medium: {{ homogeneous: {{ sigma_t: 0 }} }} }}");
+            let boxed = text.replace("shapes:", &format!("shapes:\n  - {vacuum}"));
+            assert_eq!(of("volume-path", &boxed), expected, "{rest}, in a box of nothing from {bottom}");
+        }
     }
 }
 

@@ -167,9 +167,9 @@ fn roulette_loses_nothing() {
 #[test]
 fn every_sampler_has_the_same_mean() {
     // Light of the windows that is found by scattering alone is rare: means of few seeds are skewed, and their spread with them.
-    const SEEDS: u64 = 96;
+    const MORE_SEEDS: u64 = 96;
     let map = windows(64, 32);
-    let reference = by_seeds(SEEDS, &still(MANY, "{ path: { max_depth: 3 } }"), Some(&map));
+    let reference = by_seeds(MORE_SEEDS, &still(MANY, "{ path: { max_depth: 3 } }"), Some(&map));
     for sampler in [
         "{ stratified: { samples_per_pixel: 64 } }",
         "{ stratified: { samples_per_pixel: 7 } }",
@@ -178,7 +178,7 @@ fn every_sampler_has_the_same_mean() {
         "{ sobol: { samples_per_pixel: 64, replicates: 4 } }",
         "{ independent: { samples_per_pixel: 8 } }",
     ] {
-        let found = by_seeds(SEEDS, &still(sampler, "{ path: { max_depth: 3 } }"), Some(&map));
+        let found = by_seeds(MORE_SEEDS, &still(sampler, "{ path: { max_depth: 3 } }"), Some(&map));
         assert_same_means(sampler, &found, &reference, 6);
     }
 }

@@ -29,7 +29,7 @@ const USUAL: [(&str, &str); 9] = [
 ];
 
 /// The values of a family; all differ from each other.
-const FAMILIES: [(&str, &[&str]); 21] = [
+const FAMILIES: [(&str, &[&str]); 22] = [
     (
         "CAMERA",
         &[
@@ -205,6 +205,8 @@ const FAMILIES: [(&str, &[&str]); 21] = [
             "{ rough-conductor: { metal: copper, alpha: 0.3, reflectance: 0.5 } }",
             "{ rough-conductor: { metal: copper, alpha: 0.3, fresnel: approximate } }",
             "{ rough-conductor: { eta: 1.5, k: [1, 2, 3], alpha: 0.3 } }",
+            "{ rough-conductor: { eta: { checker: { a: 1.5, b: 0.2, scale: 4 } }, k: [1, 2, 3], alpha: 0.3 } }",
+            "{ rough-conductor: { eta: 1.5, k: { checker: { a: [1, 2, 3], b: 4, scale: 4 } }, alpha: 0.3 } }",
         ],
     ),
     (
@@ -259,6 +261,7 @@ const FAMILIES: [(&str, &[&str]); 21] = [
             "mesh: { path: smooth.obj, normals: flat }",
         ],
     ),
+    ("SHAPE", &["mesh: { path: pyramid.obj }", "mesh: { path: pyramid.obj, normals: file }"]),
     ("BSDF", &["{ mirror: {} }", "{ mirror: { reflectance: { checker: { a: 1, b: 0.2, scale: 3 } } } }"]),
     ("SAMPLER", &["{ sobol: { samples_per_pixel: 4 } }", "{ sobol: { samples_per_pixel: 4, replicates: 4 } }"]),
 ];

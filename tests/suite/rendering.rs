@@ -295,3 +295,61 @@ fn pictures_come_from_other_stages_too() {
     let pixels = |space: &Space| space.manifest()["jobs"].as_array().unwrap().last().unwrap()["outputs"][0]["sha256"].clone();
     assert_eq!(pixels(&by_name), pixels(&by_file));
 }
+
+/// A ball alone, with something around it.
+const ALONE: &str = "stages:
+  env: { synthesize: { name: gradient, width: 32 }, save: pfm }
+  picture:
+    render:
+      ENV
+      scene:
+        camera: { orthographic: { width: 1 } }
+        film: { resolution: [4, 4] }
+        sampler: { independent: { samples_per_pixel: 16 } }
+        integrator: { path: { max_depth: 1, strategy: bsdf } }
+        shapes: [{ sphere: {}, bsdf: { diffuse: { reflectance: 0.5 } } }]
+        emitters: [{ environment: { AROUND } }]
+    save: npy
+";
+
+fn alone(env: &str, around: &str) -> Space {
+    let space = Space::new();
+    let map = Space::new();
+    map.pipeline(&ALONE.replace("ENV", "env: env").replace("AROUND", ""));
+    map.summary(&["--only", "env"]);
+    space.write("map.pfm", map.read("outputs/p/env.pfm"));
+    space.pipeline(&ALONE.replace("ENV", env).replace("AROUND", around));
+    space
+}
+
+#[test]
+fn a_scene_may_name_what_is_around_it() {
+    let picture = |env: &str, around: &str| {
+        let space = alone(env, around);
+        space.summary(&[]);
+        space.read("outputs/p/picture.npy")
+    };
+    for turned in ["", ", rotate_degrees: 70"] {
+        let expected = picture("env: env", &format!("strength: 2{turned}"));
+        assert_eq!(picture("", &format!("path: map.pfm, strength: 2{turned}")), expected);
+    }
+    // Half of what comes from everywhere, whatever directions are drawn.
+    let same = picture("", "radiance: [1, 2, 4], strength: 2");
+    let values: Vec<f32> =
+        same[same.len() - 4 * 4 * 3 * 4..].chunks_exact(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap())).collect();
+    for pixel in values.chunks_exact(3) {
+        assert!(pixel.iter().zip([1.0, 2.0, 4.0]).all(|(found, expected)| (found / expected - 1.0).abs() < 1e-5), "{pixel:?}");
+    }
+}
+
+#[test]
+fn only_one_thing_is_around_a_scene() {
+    for (env, around, expected) in [
+        ("", "path: map.pfm, radiance: 1", "`path` and `radiance` both say what is around the scene"),
+        ("env: env", "radiance: 1", "nothing would be seen of `env`"),
+        ("", "strength: 1", "the scene asks for the stage's `env`, which is missing"),
+    ] {
+        let found = errors(&alone(env, around));
+        assert!(found.iter().any(|error| error.contains(expected)), "{around}: {found:#?}");
+    }
+}

@@ -4,11 +4,10 @@ use glam::Vec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::render::bsdf::metal::{ComplexIndex, ConductorFresnel, Metal, Spectrum, index_of};
+use crate::render::bsdf::metal::{ComplexIndex, ConductorFresnel, IndexTexture, Metal, Spectrum, index_of};
 use crate::render::bsdf::mirror::{all, mirrored};
 use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
-use crate::render::texture::parameter::{Pictures, Reflectance};
-use crate::render::texture::value::{Color, Index};
+use crate::render::texture::parameter::{Pictures, Reflectance, RefractiveIndex};
 use crate::render::texture::{Texture, TexturePoint};
 
 /// Smooth metal: mirrors the Fresnel share of its complex index of refraction.
@@ -21,12 +20,12 @@ pub struct ConductorParameters {
     /// How the spectrum of `metal` became three numbers.
     #[serde(default)]
     pub spectrum: Spectrum,
-    /// Real part of the index of refraction, 0 to 100: a number or `[r, g, b]`.
+    /// Real part of the index of refraction, 0 to 100: a number, `[r, g, b]` or a texture.
     #[serde(default)]
-    pub eta: Option<Color<Index>>,
-    /// Imaginary part of the index of refraction, 0 to 100: a number or `[r, g, b]`.
+    pub eta: Option<RefractiveIndex>,
+    /// Imaginary part of the index of refraction, 0 to 100: a number, `[r, g, b]` or a texture.
     #[serde(default)]
-    pub k: Option<Color<Index>>,
+    pub k: Option<RefractiveIndex>,
     /// Factor on what is reflected, 0 to 1: a number, `[r, g, b]` or a texture; 1 in nature.
     #[serde(default = "all")]
     pub reflectance: Reflectance,
@@ -41,7 +40,7 @@ pub struct ConductorParameters {
 /// Smooth metal of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConductorMaterial {
-    index: ComplexIndex,
+    index: IndexTexture,
     fresnel: ConductorFresnel,
     reflectance: Texture<Vec3>,
 }
@@ -49,18 +48,19 @@ pub struct ConductorMaterial {
 impl ConductorMaterial {
     /// With these parameters, and those pictures for its textures.
     pub fn new(parameters: &ConductorParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
-        let &ConductorParameters { metal, spectrum, eta, k, fresnel, .. } = parameters;
-        Ok(Self { index: index_of(metal, spectrum, eta, k)?, fresnel, reflectance: parameters.reflectance.texture(pictures)? })
+        let ConductorParameters { metal, spectrum, eta, k, reflectance, fresnel, .. } = parameters;
+        let index = index_of(*metal, *spectrum, [eta.as_ref(), k.as_ref()], pictures)?;
+        Ok(Self { index, fresnel: *fresnel, reflectance: reflectance.texture(pictures)? })
     }
 
     /// What it is at that point.
     pub fn at(&self, point: &TexturePoint) -> Conductor {
-        Conductor { index: self.index, fresnel: self.fresnel, reflectance: self.reflectance.at(point) }
+        Conductor { index: self.index.at(point), fresnel: self.fresnel, reflectance: self.reflectance.at(point) }
     }
 
     /// Whether it is the same everywhere.
     pub fn is_constant(&self) -> bool {
-        self.reflectance.constant().is_some()
+        self.index.is_constant() && self.reflectance.constant().is_some()
     }
 }
 

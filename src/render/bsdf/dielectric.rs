@@ -18,6 +18,7 @@ use crate::render::texture::{Texture, TexturePoint};
 #[serde(deny_unknown_fields)]
 pub struct DielectricParameters {
     /// Index of refraction behind the surface over that in front of it, where the normal points.
+    /// One number: the index belongs to what lies behind, so that light would gain or lose where it varied from entry to exit.
     #[serde(default = "glass")]
     #[schemars(range(min = 0.1, max = 10))]
     pub eta: f64,

@@ -18,7 +18,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::math::single;
-use crate::render::bsdf::microfacet::{FacetDistribution, Facets, Masking, NormalSampling, SMOOTHEST};
+use crate::render::bsdf::microfacet::{FacetDistribution, Facets, HalfWay, Masking, NormalSampling, SMOOTHEST, mirrored_by};
 use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
 use crate::render::texture::parameter::{Parameter, Pictures, Portion, Reflectance};
 use crate::render::texture::value::{Color, Number};
@@ -259,7 +259,7 @@ impl Disney {
             if cos_oh <= 0.0 {
                 return None;
             }
-            (2.0 * cos_oh * half - outgoing).normalize()
+            mirrored_by(outgoing, half, cos_oh)
         };
         let (value, pdf) = self.evaluate_with_pdf(outgoing, direction, transport);
         (pdf > 0.0).then(|| BsdfSample { direction, weight: value / pdf, pdf, is_delta: false, eta: 1.0 })
@@ -268,15 +268,8 @@ impl Disney {
     /// The sum of the parts, and the mixture of their densities.
     #[inline]
     pub fn evaluate_with_pdf(&self, outgoing: Vec3, incoming: Vec3, _: Transport) -> (Vec3, f32) {
-        let half = outgoing + incoming;
-        let length2 = half.length_squared();
-        if incoming.z <= 0.0 || length2 <= 0.0 {
-            return (Vec3::ZERO, 0.0);
-        }
-        let length = length2.sqrt();
-        let half = half / length;
-        // For unit vectors, o.h = |o + i| / 2.
-        let cos_oh = (0.5 * length).min(1.0);
+        let Some(HalfWay { sum, length, cosine: cos_oh, .. }) = HalfWay::between(outgoing, incoming) else { return (Vec3::ZERO, 0.0) };
+        let half = sum / length;
         let (cos_o, cos_i) = (outgoing.z, incoming.z);
 
         let retro = 2.0 * cos_oh * cos_oh * self.roughness - 0.5;
@@ -291,10 +284,7 @@ impl Disney {
         let coat_fresnel = 0.04 + 0.96 * schlick;
         let clear = 0.25 * self.clearcoat * coat * coat_fresnel * visible(cos_i, COAT_MASKING) * visible(cos_o, COAT_MASKING);
 
-        let seen = match self.facets.sampling {
-            NormalSampling::VisibleNormals => 1.0 / self.facets.projected_area(outgoing),
-            NormalSampling::AllNormals => half.z / cos_oh,
-        };
+        let seen = self.facets.drawn_from(outgoing, half.z, cos_oh);
         let coat_probability = 1.0 - self.diffuse_probability - self.specular_probability;
         let pdf = self.diffuse_probability * cos_i * FRAC_1_PI
             + self.specular_probability * facets * seen * 0.25

@@ -38,7 +38,6 @@ pub struct SingleMaterial {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "a scene has few, and most are of the large variants")]
 enum SingleKind {
     Diffuse(DiffuseMaterial),
     Mirror(MirrorMaterial),

@@ -13,13 +13,15 @@ use crate::math::stream::{Purpose, Stream};
 use crate::render::bsdf::{Bsdf, BsdfSample, Lobe, Transport};
 
 /// At least one of each kind, over their choices, as a person writes them: what tests and benchmarks walk.
-pub const EXAMPLES: [&str; 32] = [
+pub const EXAMPLES: [&str; 34] = [
     "diffuse: { reflectance: [0.2, 0.5, 0.8] }",
     "mirror: { reflectance: 0.9 }",
     "dielectric: {}",
     "dielectric: { eta: 0.75, fresnel: schlick, transmittance: [1, 0.9, 0.8] }",
     "conductor: { metal: copper }",
     "conductor: { eta: [0.2, 0.9, 1.1], k: [3.9, 2.4, 2.1], fresnel: approximate }",
+    "conductor: { eta: { checker: { a: 0.2, b: 1.4 } }, k: 3 }",
+    "rough-conductor: { eta: 0.3, k: { uv: {} }, alpha: { stripes: { a: 0.3, b: 0.5 } } }",
     "rough-conductor: { metal: gold, alpha: 0.005 }",
     "rough-conductor: { metal: gold, alpha: 0.05, distribution: beckmann }",
     "rough-conductor: { metal: gold, alpha: 0.25 }",
@@ -47,6 +49,12 @@ pub const EXAMPLES: [&str; 32] = [
     "blend: { first: { rough-dielectric: { alpha: 0.4 } }, second: { diffuse: { one_sided: true } } }",
     "blend: { first: { mirror: {} }, second: { blend: { first: { diffuse: {} }, second: { disney: {} } } } }",
 ];
+
+/// The direction at that angle from +z, towards +x.
+pub fn outgoing_at(degrees: f64) -> Vec3 {
+    let (sine, cosine) = elementary::sin_cos(degrees * PI / 180.0);
+    DVec3::new(sine, 0.0, cosine).as_vec3()
+}
 
 /// A BSDF seen from one direction.
 #[derive(Debug, Clone, Copy)]
@@ -96,8 +104,7 @@ impl Shape {
 impl<'m> View<'m> {
     /// From that angle to the normal in degrees, in the plane of x and z; beyond 90 degrees from behind.
     pub fn at_degrees(bsdf: Bsdf<'m>, degrees: f64) -> Self {
-        let (sine, cosine) = elementary::sin_cos(degrees * PI / 180.0);
-        Self { bsdf, outgoing: DVec3::new(sine, 0.0, cosine).as_vec3() }
+        Self { bsdf, outgoing: outgoing_at(degrees) }
     }
 
     fn shape(&self) -> Shape {

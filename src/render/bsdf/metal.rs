@@ -15,7 +15,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::render::bsdf::BsdfError;
-use crate::render::texture::value::{Color, Index, Value};
+use crate::render::texture::parameter::{Pictures, RefractiveIndex};
+use crate::render::texture::{Texture, TexturePoint};
 
 /// A metal by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -87,16 +88,41 @@ impl Metal {
     }
 }
 
-/// The metal that these parameters name; `metal` is its other name for `eta` and `k`.
+/// The index of a material, which may vary over its surface.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IndexTexture {
+    eta: Texture<Vec3>,
+    k: Texture<Vec3>,
+}
+
+impl IndexTexture {
+    /// What it is at that point.
+    pub fn at(&self, point: &TexturePoint) -> ComplexIndex {
+        ComplexIndex { eta: self.eta.at(point), k: self.k.at(point) }
+    }
+
+    /// Whether it is the same everywhere.
+    pub fn is_constant(&self) -> bool {
+        self.eta.constant().is_some() && self.k.constant().is_some()
+    }
+}
+
+impl From<ComplexIndex> for IndexTexture {
+    fn from(ComplexIndex { eta, k }: ComplexIndex) -> Self {
+        Self { eta: Texture::Constant(eta), k: Texture::Constant(k) }
+    }
+}
+
+/// The index that these parameters name; `metal` is its other name for `eta` and `k`.
 pub fn index_of(
     metal: Option<Metal>,
     spectrum: Spectrum,
-    eta: Option<Color<Index>>,
-    k: Option<Color<Index>>,
-) -> Result<ComplexIndex, BsdfError> {
+    [eta, k]: [Option<&RefractiveIndex>; 2],
+    pictures: &dyn Pictures,
+) -> Result<IndexTexture, BsdfError> {
     match (metal, eta, k) {
-        (Some(metal), None, None) => Ok(metal.index(spectrum)),
-        (None, Some(eta), Some(k)) => Ok(ComplexIndex { eta: eta.inner(), k: k.inner() }),
+        (Some(metal), None, None) => Ok(metal.index(spectrum).into()),
+        (None, Some(eta), Some(k)) => Ok(IndexTexture { eta: eta.texture(pictures)?, k: k.texture(pictures)? }),
         (Some(_), Some(_), _) => Err(BsdfError::MetalTwice("eta")),
         (Some(_), None, Some(_)) => Err(BsdfError::MetalTwice("k")),
         (None, Some(_), None) => Err(BsdfError::MetalMissing("k")),

@@ -49,6 +49,40 @@ pub enum NormalSampling {
     AllNormals,
 }
 
+/// Half way between two unit vectors, on the side of +z: the normal of the facets that mirror one into the other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HalfWay {
+    /// Along it.
+    pub sum: Vec3,
+    /// The square of the length of that.
+    pub length2: f32,
+    /// The length of that.
+    pub length: f32,
+    /// Cosine between either and it.
+    pub cosine: f32,
+}
+
+impl HalfWay {
+    /// `None` where `incoming` is not above the surface, on which side `outgoing` must be.
+    #[inline]
+    pub fn between(outgoing: Vec3, incoming: Vec3) -> Option<Self> {
+        let sum = outgoing + incoming;
+        let length2 = sum.length_squared();
+        if incoming.z <= 0.0 || length2 <= 0.0 {
+            return None;
+        }
+        let length = length2.sqrt();
+        // For unit vectors, o.h = |o + i| / 2.
+        Some(Self { sum, length2, length, cosine: (0.5 * length).min(1.0) })
+    }
+}
+
+/// `outgoing` mirrored by a facet of that unit normal, the cosine to which is `cos_oh`.
+#[inline]
+pub fn mirrored_by(outgoing: Vec3, half: Vec3, cos_oh: f32) -> Vec3 {
+    (2.0 * cos_oh * half - outgoing).normalize()
+}
+
 /// Facets of one roughness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facets {
@@ -114,11 +148,22 @@ impl Facets {
         let (cos_o, cos_i) = (outgoing.z.abs(), incoming.z.abs());
         let (area_o, area_i) = (self.projected_area(outgoing), self.projected_area(incoming));
         let masking = self.masking_over_outgoing(cos_o, area_o, cos_i, area_i);
-        let density = match self.sampling {
+        (masking, self.drawn(area_o, cos_h, cos_oh))
+    }
+
+    /// q, where p(h) = D |o.h| q is the density of the drawn normals.
+    #[inline]
+    fn drawn(&self, area_o: f32, cos_h: f32, cos_oh: f32) -> f32 {
+        match self.sampling {
             NormalSampling::VisibleNormals => 1.0 / area_o,
             NormalSampling::AllNormals => cos_h / cos_oh,
-        };
-        (masking, density)
+        }
+    }
+
+    /// The same for an outgoing direction.
+    #[inline]
+    pub fn drawn_from(&self, outgoing: Vec3, cos_h: f32, cos_oh: f32) -> f32 {
+        self.drawn(self.projected_area(outgoing), cos_h, cos_oh)
     }
 
     /// A unit normal above the surface, for `outgoing` above it.

@@ -23,7 +23,8 @@ use crate::render::texture::{Texture, TexturePoint};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlasticParameters {
-    /// Index of refraction of the coat over that of the medium in front of it.
+    /// Index of refraction of the coat over that of the medium in front of it. One number: what the coat throws back
+    /// into the body is an integral over it.
     #[serde(default = "glass")]
     #[schemars(range(max = 10), extend("exclusiveMinimum" = 1))]
     pub eta: f64,

@@ -6,12 +6,12 @@ use glam::Vec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::render::bsdf::metal::{ComplexIndex, ConductorFresnel, Metal, Spectrum, index_of};
-use crate::render::bsdf::microfacet::{FacetDistribution, Facets, Masking, NormalSampling, SMOOTHEST};
+use crate::render::bsdf::metal::{ComplexIndex, ConductorFresnel, IndexTexture, Metal, Spectrum, index_of};
+use crate::render::bsdf::microfacet::{FacetDistribution, Facets, HalfWay, Masking, NormalSampling, SMOOTHEST, mirrored_by};
 use crate::render::bsdf::mirror::all;
 use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
-use crate::render::texture::parameter::{Pictures, Reflectance, Roughness};
-use crate::render::texture::value::{Color, Index, Number};
+use crate::render::texture::parameter::{Pictures, Reflectance, RefractiveIndex, Roughness};
+use crate::render::texture::value::Number;
 use crate::render::texture::{Texture, TexturePoint};
 
 /// Metal with microfacets: light is mirrored once by facets whose normals vary about the surface's.
@@ -26,12 +26,12 @@ pub struct RoughConductorParameters {
     /// How the spectrum of `metal` became three numbers.
     #[serde(default)]
     pub spectrum: Spectrum,
-    /// Real part of the index of refraction, 0 to 100: a number or `[r, g, b]`.
+    /// Real part of the index of refraction, 0 to 100: a number, `[r, g, b]` or a texture.
     #[serde(default)]
-    pub eta: Option<Color<Index>>,
-    /// Imaginary part of the index of refraction, 0 to 100: a number or `[r, g, b]`.
+    pub eta: Option<RefractiveIndex>,
+    /// Imaginary part of the index of refraction, 0 to 100: a number, `[r, g, b]` or a texture.
     #[serde(default)]
-    pub k: Option<Color<Index>>,
+    pub k: Option<RefractiveIndex>,
     /// Width of the distribution of slopes, 0.001 to 1: a number or a texture. Smoother is `conductor`.
     #[serde(default = "default_alpha")]
     pub alpha: Roughness,
@@ -63,7 +63,10 @@ pub(crate) fn default_alpha() -> Roughness {
 /// Rough metal of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RoughConductorMaterial {
-    smooth: RoughConductor,
+    index: IndexTexture,
+    fresnel: ConductorFresnel,
+    /// Of any roughness.
+    facets: Facets,
     alpha: Texture<f32>,
     reflectance: Texture<Vec3>,
 }
@@ -71,22 +74,22 @@ pub struct RoughConductorMaterial {
 impl RoughConductorMaterial {
     /// With these parameters, and those pictures for its textures.
     pub fn new(parameters: &RoughConductorParameters, pictures: &dyn Pictures) -> Result<Self, BsdfError> {
-        let &RoughConductorParameters { metal, spectrum, eta, k, distribution, masking, sampling, fresnel, .. } = parameters;
-        let index = index_of(metal, spectrum, eta, k)?;
+        let &RoughConductorParameters { metal, spectrum, distribution, masking, sampling, fresnel, .. } = parameters;
+        let index = index_of(metal, spectrum, [parameters.eta.as_ref(), parameters.k.as_ref()], pictures)?;
         let facets = Facets { distribution, masking, sampling, alpha: SMOOTHEST };
-        let smooth = RoughConductor { index, fresnel, facets, reflectance: Vec3::ONE };
-        Ok(Self { smooth, alpha: parameters.alpha.texture(pictures)?, reflectance: parameters.reflectance.texture(pictures)? })
+        let (alpha, reflectance) = (parameters.alpha.texture(pictures)?, parameters.reflectance.texture(pictures)?);
+        Ok(Self { index, fresnel, facets, alpha, reflectance })
     }
 
     /// What it is at that point.
     pub fn at(&self, point: &TexturePoint) -> RoughConductor {
-        let facets = Facets { alpha: self.alpha.at(point).max(SMOOTHEST), ..self.smooth.facets };
-        RoughConductor { facets, reflectance: self.reflectance.at(point), ..self.smooth }
+        let facets = Facets { alpha: self.alpha.at(point).max(SMOOTHEST), ..self.facets };
+        RoughConductor { index: self.index.at(point), fresnel: self.fresnel, facets, reflectance: self.reflectance.at(point) }
     }
 
     /// Whether it is the same everywhere.
     pub fn is_constant(&self) -> bool {
-        self.alpha.constant().is_some() && self.reflectance.constant().is_some()
+        self.index.is_constant() && self.alpha.constant().is_some() && self.reflectance.constant().is_some()
     }
 }
 
@@ -109,7 +112,7 @@ impl RoughConductor {
     pub fn sample(&self, outgoing: Vec3, _choice: f32, point: [f32; 2], _: Transport) -> Option<BsdfSample> {
         let half = self.facets.sample(outgoing, point);
         let cos_oh = outgoing.dot(half);
-        let direction = (2.0 * cos_oh * half - outgoing).normalize();
+        let direction = mirrored_by(outgoing, half, cos_oh);
         if cos_oh <= 0.0 || direction.z <= 0.0 {
             return None;
         }
@@ -122,17 +125,10 @@ impl RoughConductor {
     /// F D G2 / (4 cos_o) and the density of the drawn normals over 4 o.h.
     #[inline]
     pub fn evaluate_with_pdf(&self, outgoing: Vec3, incoming: Vec3, _: Transport) -> (Vec3, f32) {
-        let half = outgoing + incoming;
-        let length2 = half.length_squared();
-        if incoming.z <= 0.0 || length2 <= 0.0 {
-            return (Vec3::ZERO, 0.0);
-        }
-        let length = length2.sqrt();
-        // For unit vectors, o.h = |o + i| / 2.
-        let cos_oh = (0.5 * length).min(1.0);
-        let (masking, density) = self.facets.masking_and_density(outgoing, incoming, half.z / length, cos_oh);
-        let quarter = self.facets.density(half, length2) * 0.25;
-        (self.reflectance * self.index.reflectance(cos_oh, self.fresnel) * (masking * quarter), density * quarter)
+        let Some(half) = HalfWay::between(outgoing, incoming) else { return (Vec3::ZERO, 0.0) };
+        let (masking, density) = self.facets.masking_and_density(outgoing, incoming, half.sum.z / half.length, half.cosine);
+        let quarter = self.facets.density(half.sum, half.length2) * 0.25;
+        (self.reflectance * self.index.reflectance(half.cosine, self.fresnel) * (masking * quarter), density * quarter)
     }
 
     /// What a smooth surface reflects along the normal.

@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::render::bsdf::dielectric::{DielectricFresnel, Interface, compression, glass, refracted};
-use crate::render::bsdf::microfacet::{FacetDistribution, Facets, Masking, NormalSampling, SMOOTHEST};
+use crate::render::bsdf::microfacet::{FacetDistribution, Facets, Masking, NormalSampling, SMOOTHEST, mirrored_by};
 use crate::render::bsdf::mirror::all;
 use crate::render::bsdf::rough_conductor::default_alpha;
 use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
@@ -21,6 +21,7 @@ use crate::render::texture::{Texture, TexturePoint};
 #[serde(deny_unknown_fields)]
 pub struct RoughDielectricParameters {
     /// Index of refraction behind the surface over that in front of it, where the normal points; not 1.
+    /// One number: the index belongs to what lies behind, so that light would gain or lose where it varied from entry to exit.
     #[serde(default = "glass")]
     #[schemars(range(min = 0.1, max = 10))]
     pub eta: f64,
@@ -123,7 +124,7 @@ impl RoughDielectric {
     }
 
     fn sample_reflection(&self, outgoing: Vec3, half: Vec3, cos_oh: f32, reflected: f32) -> Option<BsdfSample> {
-        let direction = (2.0 * cos_oh * half - outgoing).normalize();
+        let direction = mirrored_by(outgoing, half, cos_oh);
         if direction.z * outgoing.z <= 0.0 {
             return None;
         }

@@ -94,7 +94,7 @@ pub struct EnvironmentSample {
 #[derive(Debug, thiserror::Error)]
 pub enum EnvironmentError<E> {
     /// A pixel that is infinite or not a number.
-    #[error("pixel ({x}, {y}) of `env` is not finite; `load` it with `sanitize: zero`")]
+    #[error("pixel ({x}, {y}) of the map around the scene is not finite; `load` it in a stage with `sanitize: zero` and give it as `env`")]
     NotFinite {
         /// Column.
         x: usize,
@@ -114,7 +114,7 @@ impl Environment {
         density: Density,
         check: impl Fn() -> Result<(), E> + Sync,
     ) -> Result<(Self, u64), EnvironmentError<E>> {
-        let EnvironmentParameters { strength, rotate_degrees } = *parameters;
+        let &EnvironmentParameters { strength, rotate_degrees, .. } = parameters;
         let (width, height) = (map.width(), map.height());
         let is_infinite = |color: &[f32; 3]| color.iter().any(|value| !value.is_finite());
         if let Some(place) = map.raster.pixels().par_iter().position_first(is_infinite) {
@@ -423,7 +423,10 @@ mod tests {
     use crate::math::stream::{Purpose, Stream};
 
     fn made(map: &EnvMap, strength: f32, rotate_degrees: f64, density: Density) -> (Environment, u64) {
-        Environment::new(map, &EnvironmentParameters { strength, rotate_degrees }, density, || Ok::<(), Infallible>(())).unwrap()
+        Environment::new(map, &EnvironmentParameters { strength, rotate_degrees, ..EnvironmentParameters::default() }, density, || {
+            Ok::<(), Infallible>(())
+        })
+        .unwrap()
     }
 
     fn environment(map: &EnvMap, rotate_degrees: f64, density: Density) -> Environment {

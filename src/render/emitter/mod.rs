@@ -13,14 +13,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::render::emitter::spot::SpotParameters;
 use crate::render::scene::vector::Vector;
+use crate::render::scene_file::SceneFile;
 use crate::render::texture::parameter::Radiance;
 use crate::render::texture::value::{Color, Light};
 
 /// Light that is no shape's.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum EmitterDescription {
-    /// The map of the stage's `env`, around everything.
+    /// Light around everything: the map of the stage's `env`, another one, or the same from everywhere.
     Environment(EnvironmentParameters),
     /// The lights of the stage's `lights`: each shines from one direction.
     Lights(LightsParameters),
@@ -32,10 +33,16 @@ pub enum EmitterDescription {
     Directional(DirectionalParameters),
 }
 
-/// The map of the stage's `env`, around everything.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// Light around everything: the map of the stage's `env`, or of `path`, or `radiance` alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EnvironmentParameters {
+    /// The file of a lat-long map, in place of the stage's `env`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<SceneFile>,
+    /// The same radiance from everywhere, in place of a map: a number or `[r, g, b]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radiance: Option<Color<Light>>,
     /// Factor of its radiance. Default 1.
     #[serde(default = "one")]
     #[schemars(range(min = 0, max = 1e9))]
@@ -104,7 +111,14 @@ fn one() -> f32 {
 
 impl Default for EnvironmentParameters {
     fn default() -> Self {
-        Self { strength: 1.0, rotate_degrees: 0.0 }
+        Self { path: None, radiance: None, strength: 1.0, rotate_degrees: 0.0 }
+    }
+}
+
+impl EnvironmentParameters {
+    /// Whether it is the map of the stage's `env`.
+    pub fn is_of_stage(&self) -> bool {
+        self.path.is_none() && self.radiance.is_none()
     }
 }
 

@@ -150,6 +150,23 @@ fn roulette_depth() -> u32 {
     3
 }
 
+impl DirectParameters {
+    /// Paths of one scattering.
+    fn path(&self) -> PathParameters {
+        let &Self { strategy, environment, mis_compensation, bsdf_sampling, emitter_candidates, emitter_samples: _ } = self;
+        PathParameters {
+            max_depth: 1,
+            roulette_depth: u32::MAX,
+            strategy,
+            environment,
+            mis_compensation,
+            bsdf_sampling,
+            emitter_candidates,
+            clamp_indirect: None,
+        }
+    }
+}
+
 impl Default for DirectParameters {
     fn default() -> Self {
         Self {
@@ -190,35 +207,28 @@ pub enum Integrator {
 }
 
 impl IntegratorDescription {
+    /// Its paths, if it has any: those of `direct` scatter once.
+    fn paths(&self) -> Option<PathParameters> {
+        match self {
+            Self::Normals(_) => None,
+            Self::Direct(kind) => Some(kind.path()),
+            Self::Path(kind) => Some(*kind),
+            Self::VolumePath(kind) => Some(kind.path()),
+        }
+    }
+
     /// Ready to trace a scene with or without a map around it.
     pub fn compiled(&self, has_map: bool) -> Integrator {
-        match self {
-            Self::Normals(_) => Integrator::Normals,
-            Self::Direct(kind) => Integrator::Path(Transporter {
-                max_depth: 1,
-                roulette_depth: u32::MAX,
-                strategy: kind.strategy,
-                emitter_samples: kind.emitter_samples,
-                emitter_candidates: candidates(kind.emitter_candidates, kind.environment, kind.strategy, has_map),
-                clamp_indirect: f32::INFINITY,
-            }),
-            Self::Path(kind) => Integrator::Path(Transporter {
-                max_depth: kind.max_depth,
-                roulette_depth: kind.roulette_depth,
-                strategy: kind.strategy,
-                emitter_samples: 1,
-                emitter_candidates: candidates(kind.emitter_candidates, kind.environment, kind.strategy, has_map),
-                clamp_indirect: kind.clamp_indirect.unwrap_or(f32::INFINITY),
-            }),
-            Self::VolumePath(kind) => Integrator::VolumePath(Transporter {
-                max_depth: kind.max_depth,
-                roulette_depth: kind.roulette_depth,
-                strategy: kind.strategy,
-                emitter_samples: 1,
-                emitter_candidates: candidates(kind.emitter_candidates, kind.environment, kind.strategy, has_map),
-                clamp_indirect: kind.clamp_indirect.unwrap_or(f32::INFINITY),
-            }),
-        }
+        let Some(paths) = self.paths() else { return Integrator::Normals };
+        let transporter = Transporter {
+            max_depth: paths.max_depth,
+            roulette_depth: paths.roulette_depth,
+            strategy: paths.strategy,
+            emitter_samples: if let Self::Direct(kind) = self { kind.emitter_samples } else { 1 },
+            emitter_candidates: candidates(paths.emitter_candidates, paths.environment, paths.strategy, has_map),
+            clamp_indirect: paths.clamp_indirect.unwrap_or(f32::INFINITY),
+        };
+        if self.follows_media() { Integrator::VolumePath(transporter) } else { Integrator::Path(transporter) }
     }
 
     /// Whether media in the scene are seen.
@@ -236,17 +246,12 @@ impl IntegratorDescription {
 
     /// The density by which directions towards the environment are drawn, where there is one.
     pub fn environment_density(&self) -> Density {
-        let (environment, strategy, mis_compensation) = match self {
-            // No directions are drawn.
-            Self::Normals(_) => return Density::Uniform,
-            Self::Direct(kind) => (kind.environment, kind.strategy, kind.mis_compensation),
-            Self::Path(kind) => (kind.environment, kind.strategy, kind.mis_compensation),
-            Self::VolumePath(kind) => (kind.environment, kind.strategy, kind.mis_compensation),
-        };
-        match (environment, strategy) {
+        // Without paths no directions are drawn.
+        let Some(paths) = self.paths() else { return Density::Uniform };
+        match (paths.environment, paths.strategy) {
             (EnvironmentSampling::Uniform, _) => Density::Uniform,
             // It needs scattering beside it, at every vertex.
-            (EnvironmentSampling::Importance, Strategy::Mis) if mis_compensation => Density::Compensated { draws: self.draws() },
+            (EnvironmentSampling::Importance, Strategy::Mis) if paths.mis_compensation => Density::Compensated { draws: self.draws() },
             (EnvironmentSampling::Importance, _) => Density::Full,
         }
     }
@@ -261,21 +266,12 @@ impl IntegratorDescription {
 
     /// How surfaces draw directions.
     pub fn direction_sampling(&self) -> DirectionSampling {
-        match self {
-            Self::Normals(_) => DirectionSampling::default(),
-            Self::Direct(kind) => kind.bsdf_sampling,
-            Self::Path(kind) => kind.bsdf_sampling,
-            Self::VolumePath(kind) => kind.bsdf_sampling,
-        }
+        self.paths().map_or_else(DirectionSampling::default, |paths| paths.bsdf_sampling)
     }
 
     /// What the manifest must say of it.
     pub fn caveats(&self) -> Vec<String> {
-        let clamp = match self {
-            Self::Path(kind) => kind.clamp_indirect,
-            Self::VolumePath(kind) => kind.clamp_indirect,
-            Self::Normals(_) | Self::Direct(_) => None,
-        };
+        let clamp = self.paths().and_then(|paths| paths.clamp_indirect);
         let said = |clamp| format!("`clamp_indirect: {clamp}` is biased: it loses the light of indirect paths beyond that");
         let mut caveats: Vec<String> = clamp.map(said).into_iter().collect();
         if self.tracking() == Tracking::SquaredDensity {

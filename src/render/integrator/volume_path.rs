@@ -18,7 +18,7 @@ use crate::render::film::Background;
 use crate::render::integrator::path::{
     CAMERA_SETS, CHOICE_SET, DIRECTION_SET, FirstHit, OnSurface, Origin, Transporter, VERTEX_SETS, Vertex,
 };
-use crate::render::integrator::{EnvironmentSampling, Strategy, max_depth, roulette_depth, yes};
+use crate::render::integrator::{EnvironmentSampling, PathParameters, Strategy, max_depth, roulette_depth, yes};
 use crate::render::medium::Tracking;
 use crate::render::medium::media::Collision;
 use crate::render::ray::Ray;
@@ -64,6 +64,22 @@ pub struct VolumePathParameters {
     #[serde(default)]
     #[schemars(range(max = 1e9), extend("exclusiveMinimum" = 0))]
     pub clamp_indirect: Option<f32>,
+}
+
+impl VolumePathParameters {
+    /// What it has in common with paths between surfaces.
+    pub fn path(&self) -> PathParameters {
+        PathParameters {
+            max_depth: self.max_depth,
+            roulette_depth: self.roulette_depth,
+            strategy: self.strategy,
+            environment: self.environment,
+            mis_compensation: self.mis_compensation,
+            bsdf_sampling: self.bsdf_sampling,
+            emitter_candidates: self.emitter_candidates,
+            clamp_indirect: self.clamp_indirect,
+        }
+    }
 }
 
 /// First of the sets, one a vertex, by which distances in media are drawn: far behind those of surfaces.

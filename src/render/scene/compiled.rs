@@ -239,6 +239,7 @@ impl Scene {
     ) -> Result<Self, SceneError<L::Error>> {
         let shelf = Shelf::new(library);
         let compiled = materials(description, &shelf).and_then(|materials| Ok((materials, areas(description, &shelf)?)));
+        let own_map = map_of_scene(description, &shelf);
         // A file that cannot be read comes before what is wrong with its stand-in.
         shelf.checked().map_err(SceneError::Outside)?;
         let ((materials, material_of_shape), areas) = compiled?;
@@ -257,6 +258,7 @@ impl Scene {
         }
         let geometry = Geometry::build(&placed, || check().map_err(Passed::Outside))?;
         let media = media(&filled, description.integrator.tracking(), library, &check)?;
+        let surroundings = &Surroundings { env: own_map.as_ref().or(surroundings.env), ..*surroundings };
         let (mut sources, negative_count) = sources(description, surroundings, &check)?;
         sources.extend(areas);
         let lights = Lights::new(sources, &geometry);
@@ -356,7 +358,7 @@ fn sources<E: Send>(
     let mut sources = Vec::new();
     let mut negative_count = 0;
     let mut emitters = description.emitters.clone();
-    if !description.has_environment_entry() {
+    if description.environment().is_none() {
         emitters.push(EmitterDescription::Environment(EnvironmentParameters::default()));
     }
     if !description.has_lights_entry() {
@@ -388,6 +390,18 @@ fn sources<E: Send>(
         }
     }
     Ok((sources, negative_count))
+}
+
+/// The map around everything, where the scene has one of its own.
+fn map_of_scene(description: &SceneDescription, pictures: &dyn Pictures) -> Option<EnvMap> {
+    /// Pixels of a map that is the same everywhere.
+    const SAME: [usize; 2] = [4, 2];
+    let environment = description.environment()?;
+    if let Some(radiance) = environment.radiance {
+        return Some(EnvMap::new(Raster::filled(SAME[0], SAME[1], radiance.inner().to_array())));
+    }
+    let raster = pictures.picture(&Origin::File(environment.path.clone()?), Decoding::Srgb)?;
+    Some(EnvMap::new((*raster).clone()))
 }
 
 /// The lights of shapes.

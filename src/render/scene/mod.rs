@@ -17,7 +17,7 @@ use crate::catalogue::nearest;
 use crate::render::bsdf::material::Material;
 use crate::render::bsdf::{BsdfDescription, DirectionSampling};
 use crate::render::camera::CameraDescription;
-use crate::render::emitter::{DirectionalParameters, EmitterDescription};
+use crate::render::emitter::{DirectionalParameters, EmitterDescription, EnvironmentParameters};
 use crate::render::film::{FilmDescription, LayerKind};
 use crate::render::integrator::IntegratorDescription;
 use crate::render::medium::media::MEDIA_LIMIT;
@@ -221,10 +221,13 @@ impl SceneDescription {
                 found.push(SceneMistake { field: format!("emitters[{index}]{part}"), message: message.into(), hint: None });
             };
             match emitter {
-                EmitterDescription::Environment(_) => {
+                EmitterDescription::Environment(parameters) => {
                     environments += 1;
                     if environments > 1 {
                         add("", "a scene has one environment, and it has one already");
+                    }
+                    if parameters.path.is_some() && parameters.radiance.is_some() {
+                        add(".environment.radiance", "`path` and `radiance` both say what is around the scene");
                     }
                 }
                 EmitterDescription::Lights(_) => {
@@ -251,9 +254,12 @@ impl SceneDescription {
         self.shapes.iter().filter(|shape| !shape.is_boundary())
     }
 
-    /// Whether the map of `env` is asked for by an entry of its own.
-    pub fn has_environment_entry(&self) -> bool {
-        self.emitters.iter().any(|emitter| matches!(emitter, EmitterDescription::Environment(_)))
+    /// The entry that says what is around the scene.
+    pub fn environment(&self) -> Option<&EnvironmentParameters> {
+        self.emitters.iter().find_map(|emitter| match emitter {
+            EmitterDescription::Environment(parameters) => Some(parameters),
+            _ => None,
+        })
     }
 
     /// Whether the lights of `lights` are asked for by an entry of their own.

@@ -31,6 +31,8 @@ pub enum Normals {
     /// Those of the file, or smooth ones where it has none.
     #[default]
     Auto,
+    /// Those of the file, or each triangle its own where it has none.
+    File,
     /// At each vertex the mean of the triangles around, weighted by their angles.
     Smooth,
     /// Each triangle its own.
@@ -43,6 +45,7 @@ impl Normals {
     pub fn of(self, mesh: Mesh) -> Mesh {
         match self {
             Self::Auto if !mesh.normals().is_empty() => mesh,
+            Self::File => mesh,
             Self::Auto | Self::Smooth => mesh.smooth(),
             Self::Flat => mesh.flat(),
         }

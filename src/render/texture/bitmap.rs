@@ -127,7 +127,7 @@ impl<T: Texel> Bitmap<T> {
         let (least, greatest) = (self.least, self.greatest);
         let place = |index| (index % self.raster.width(), index / self.raster.width());
         self.raster.pixels().iter().enumerate().find_map(|(index, pixel)| {
-            let value = T::of_color(Vec3::from_array(*pixel)).scaled(self.factor).outside(least, greatest)?;
+            let value = (T::of_color(Vec3::from_array(*pixel)) * self.factor).outside(least, greatest)?;
             let (x, y) = place(index);
             Some(TexelError { origin: origin.clone(), x, y, value, least, greatest })
         })
@@ -154,9 +154,9 @@ impl<T: Texel> Bitmap<T> {
     pub fn slope(&self, uv: Vec2) -> [T; 2] {
         let ([[a, b], [c, d]], [s, t]) = self.corners(self.place(uv));
         let [per_u, per_v] = [self.raster.width() as f32 * self.layout.scale.x, self.raster.height() as f32 * self.layout.scale.y];
-        let along_x = b.less(a).mixed(d.less(c), t).scaled(per_u);
+        let along_x = (b - a).mixed(d - c, t) * per_u;
         // Rows go down and v goes up.
-        let along_y = c.less(a).mixed(d.less(b), s).scaled(-per_v);
+        let along_y = (c - a).mixed(d - b, s) * -per_v;
         [along_x, along_y]
     }
 
@@ -167,7 +167,7 @@ impl<T: Texel> Bitmap<T> {
         let row_mean =
             |y: usize| self.raster.row(y).iter().map(|pixel| Vec3::from_array(*pixel)).sum::<Vec3>() / self.raster.width() as f32;
         let mean = rows.clone().map(row_mean).sum::<Vec3>() / rows.len() as f32;
-        T::of_color(mean).scaled(self.factor).clamped(self.least, self.greatest)
+        (T::of_color(mean) * self.factor).clamped(self.least, self.greatest)
     }
 
     /// Place among the texels: whole numbers are centers, x to the right and y down.
@@ -190,7 +190,7 @@ impl<T: Texel> Bitmap<T> {
     fn texel(&self, x: i32, y: i32) -> T {
         let x = self.layout.wrap.index(x, self.raster.width());
         let y = self.layout.wrap.index(y, self.raster.height());
-        T::of_color(Vec3::from_array(self.raster.pixel(x, y))).scaled(self.factor)
+        T::of_color(Vec3::from_array(self.raster.pixel(x, y))) * self.factor
     }
 }
 

@@ -83,16 +83,6 @@ pub trait Texel: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<f32, Outpu
     fn mixed(self, other: Self, share: f32) -> Self {
         self + (other - self) * share
     }
-    /// Times a number.
-    #[inline]
-    fn scaled(self, factor: f32) -> Self {
-        self * factor
-    }
-    /// `self` - `other`.
-    #[inline]
-    fn less(self, other: Self) -> Self {
-        self - other
-    }
     /// Each number cut to that range.
     fn clamped(self, least: f32, greatest: f32) -> Self;
     /// A number that is not in that range, if there is one.
@@ -171,10 +161,7 @@ impl<T: Texel> Texture<T> {
             Self::Bitmap(bitmap) => bitmap.slope(point.uv),
             Self::Noise(noise) => noise.slope(point),
             Self::Uv => [T::of_uv(Vec2::X), T::of_uv(Vec2::Y)],
-            Self::Constant(_) | Self::Checker(_) | Self::Stripes(_) => {
-                let value = self.at(point);
-                [value.less(value); 2]
-            }
+            Self::Constant(_) | Self::Checker(_) | Self::Stripes(_) => [T::of_uv(Vec2::ZERO); 2],
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Which noise is `math::noise`; here its octaves become a share from 0 to 1 that mixes two values.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -67,11 +67,11 @@ impl<T: Texel> Noise<T> {
             let along = way.as_dvec3() * self.scale;
             let length = along.length();
             if length == 0.0 || !length.is_finite() {
-                return self.b.less(self.b);
+                return T::of_uv(Vec2::ZERO);
             }
             let offset = along * (step / length);
             let change = (self.share(place + offset) - self.share(place - offset)) * length / (2.0 * step);
-            self.b.less(self.a).scaled(change as f32)
+            (self.b - self.a) * change as f32
         })
     }
 

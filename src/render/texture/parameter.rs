@@ -17,7 +17,7 @@ use crate::render::texture::bitmap::{Bitmap, Decoding, Interpolation, Layout, Te
 use crate::render::texture::checker::Checker;
 use crate::render::texture::noise::{Basis, Domain, Noise};
 use crate::render::texture::stripes::Stripes;
-use crate::render::texture::value::{Alpha, Color, Fraction, Light, Number, Share, Value};
+use crate::render::texture::value::{Alpha, Color, Fraction, Index, Light, Number, Share, Value};
 
 /// The share of light of each channel that comes back: from 0 to 1.
 pub type Reflectance = Parameter<Color<Share>>;
@@ -27,6 +27,9 @@ pub type Radiance = Parameter<Color<Light>>;
 
 /// Width of a microfacet distribution: from 0.001 to 1.
 pub type Roughness = Parameter<Number<Alpha>>;
+
+/// Part of a complex index of refraction, of each channel: from 0 to 100.
+pub type RefractiveIndex = Parameter<Color<Index>>;
 
 /// A number from 0 to 1.
 pub type Portion = Parameter<Number<Fraction>>;
@@ -81,7 +84,7 @@ pub struct BitmapParameters {
     #[serde(default)]
     pub filter: Interpolation,
     /// What the values of a PNG or PPM mean; other formats are linear. Default `srgb` for light and reflectances, `data`
-    /// for numbers and normals.
+    /// for numbers, indices of refraction and normals.
     #[serde(default)]
     pub decoding: Option<Decoding>,
     /// Factor on the values. Default 1.

@@ -61,6 +61,7 @@ impl Limits for Index {
     const NAME: &'static str = "Index";
     const MINIMUM: f64 = 0.0;
     const MAXIMUM: f64 = 100.0;
+    const USUAL_DECODING: Decoding = Decoding::Data;
 }
 
 /// A part of a whole: from 0 to 1.

@@ -125,6 +125,19 @@ impl<'a> Fields<'a> {
         }
     }
 
+    /// Refuses planes nearer and farther than the usual ones, at which something may be cut off: cameras here see everything.
+    pub fn must_not_clip(&mut self, [(near, usual_near), (far, usual_far)]: [(&'static str, f64); 2]) {
+        let mut check = |name: &'static str, is_usual: &dyn Fn(f64) -> bool| {
+            let Some(part) = self.take(&["float", "integer"], name) else { return };
+            if part.number("value").is_some_and(|distance| !is_usual(distance)) {
+                let hint = "remove it, if nothing stands beyond it; our cameras see all that is in front of them".to_owned();
+                part.refuse(&format!("{} is not read: it may cut something off", part.described()), Some(hint));
+            }
+        };
+        check(near, &|distance| distance <= usual_near);
+        check(far, &|distance| distance >= usual_far);
+    }
+
     /// Refuses what no one asked for.
     pub fn finish(self) {
         for part in &self.rest {

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use serde_json::{Value as Json, json};
 
 use crate::engine::yaml::{Entry, Node, Value};
@@ -46,6 +46,7 @@ pub fn scene(root: Element<'_>) -> Option<Node> {
             "emitter" => emitters.extend(reader.emitter(part)),
             // They are read where they are used.
             "default" | "medium" | "texture" => {}
+            "include" => part.refuse(&format!("{} is not read", part.described()), Some("put what is in that file here".into())),
             _ => part.refuse(&format!("{} of the scene is not read", part.described()), None),
         }
     }
@@ -114,7 +115,7 @@ impl<'a> Reader<'a> {
             Some(sampler) => self.sampler(sampler)?,
             None => sensor.kind_map("independent", [("samples_per_pixel", Some(sensor.node(json!(4))))]),
         };
-        fields.ignore(&["near_clip", "far_clip"]);
+        fields.must_not_clip([("near_clip", 1e-2), ("far_clip", 1e4)]);
         let to_world = placed(sensor, &steps)?;
         let [origin, target, up] = view(&steps, &to_world);
         if to_world.matrix3.determinant() < 0.0 {
@@ -546,13 +547,24 @@ impl<'a> Reader<'a> {
                 ];
                 emitter.kind_map("spot", parameters)
             }
-            "envmap" | "constant" => {
-                let hint = "load a map in a stage of the pipeline and give it to `render` as `env`";
-                emitter.refuse(&format!("{} is not read", emitter.described()), Some(hint.into()));
-                return None;
+            "constant" => {
+                let radiance = fields.take(&["float", "integer", "rgb"], "radiance").or_else(|| missing(emitter, "radiance"))?;
+                emitter.kind_map("environment", [("radiance", Some(color(radiance)?))])
+            }
+            "envmap" => {
+                let path = fields.file("filename").or_else(|| missing(emitter, "filename"));
+                let strength = fields.number_node("scale");
+                fields.ignore(&["mis_compensation"]);
+                let turn = turn_about_y(&to_world).or_else(|| {
+                    emitter.refuse("a map of ours stands upright: `to_world` may turn it about y alone", None);
+                    None
+                })?;
+                // What we have at +z stands at +x there.
+                let turn = Some(emitter.node(json!(90.0 + turn)));
+                emitter.kind_map("environment", [("path", path), ("strength", strength), ("rotate_degrees", turn)])
             }
             _ => {
-                emitter.refuse_kind(&["point", "directional", "spot"]);
+                emitter.refuse_kind(&["point", "directional", "spot", "constant", "envmap"]);
                 return None;
             }
         };
@@ -685,6 +697,14 @@ pub fn view(steps: &[Step], to_world: &DAffine3) -> [DVec3; 3] {
     }
     let ahead = to_world.matrix3.z_axis.normalize_or_zero();
     [to_world.translation, to_world.translation + ahead, to_world.matrix3.y_axis.normalize_or_zero()]
+}
+
+/// The angle in degrees of a right-handed turn about +y, if there is nothing else in the map but a shift.
+fn turn_about_y(to_world: &DAffine3) -> Option<f64> {
+    let ahead = to_world.matrix3.z_axis;
+    let degrees = elementary::atan2(ahead.x, ahead.z).to_degrees();
+    let turn = DMat3::from_rotation_y(degrees.to_radians());
+    to_world.matrix3.abs_diff_eq(turn, 1e-6).then_some(degrees)
 }
 
 /// `value="r, g, b"`.

@@ -77,7 +77,7 @@ fn camera_of(camera: Element<'_>) -> Option<[Node; 2]> {
         parameters.push(("focus_distance", fields.number_node("focalDistance").or_else(|| Some(camera.node(json!(10.0))))));
     }
     let filter = fields.take_one("rfilter");
-    fields.ignore(&["nearClip", "farClip"]);
+    fields.must_not_clip([("nearClip", 1e-4), ("farClip", 1e4)]);
     fields.finish();
     let filter = filter.map_or_else(|| Some(bell(camera, 2.0, 0.5)), filter_of)?;
     let film = camera.map([("resolution", Some(camera.node(json!(size)))), ("filter", Some(filter))]);
@@ -125,7 +125,8 @@ fn shape(shape: Element<'_>) -> Option<Node> {
     let mut fields = Fields::of(shape);
     let steps = fields.transform("toWorld");
     let (kind, parameters) = match shape.kind() {
-        "obj" => ("mesh", shape.map([("path", fields.file("filename"))])),
+        // Without normals in the file its triangles are flat.
+        "obj" => ("mesh", shape.map([("path", fields.file("filename")), ("normals", Some(shape.node(json!("file"))))])),
         "sphere" => {
             let center = fields.take(&["point"], "center").map_or(Some([0.0; 3]), |center| center.vector(0.0))?;
             let radius = fields.number("radius").unwrap_or(1.0);

@@ -127,6 +127,32 @@ shapes:
 }
 
 #[test]
+fn what_is_around_everything_is_read() {
+    let parts = |emitter: &str| mitsuba(emitter);
+    let expected = |emitter: &str| format!("{HEAD}\nmaterials: {{}}\nshapes: []\nemitters: [{emitter}]");
+    same(
+        &parts("<emitter type=\"constant\"><rgb name=\"radiance\" value=\"1, 2, 3\"/></emitter>"),
+        &expected("{ environment: { radiance: [1, 2, 3] } }"),
+    );
+    let turned = r#"<emitter type="envmap"><string name="filename" value="sky.exr"/><float name="scale" value="2"/>
+<transform name="to_world"><rotate y="1" angle="0"/><translate x="5"/></transform></emitter>"#;
+    same(&parts(turned), &expected("{ environment: { path: sky.exr, strength: 2, rotate_degrees: 90 } }"));
+}
+
+#[test]
+fn cameras_may_not_cut_anything_off() {
+    let clipped = |near: &str, far: &str| {
+        let planes = format!("<float name=\"near_clip\" value=\"{near}\"/><float name=\"far_clip\" value=\"{far}\"/>");
+        mitsuba("").replace("<float name=\"fov\" value=\"40\"/>", &format!("<float name=\"fov\" value=\"40\"/>{planes}"))
+    };
+    scene(&clipped("0.01", "20000"));
+    for (near, far, name) in [("0.5", "1e4", "near_clip"), ("0.001", "100", "far_clip")] {
+        let found = refused(&clipped(near, far));
+        assert!(found.len() == 1 && found[0].0 == 3 && found[0].1.contains(name), "{found:?}");
+    }
+}
+
+#[test]
 fn a_scene_of_nori_is_ours() {
     same(
         r#"<?xml version="1.0"?>
@@ -146,7 +172,7 @@ film: { resolution: [8, 6], filter: { box: {} } }
 sampler: { independent: { samples_per_pixel: 32 } }
 integrator: { path: { max_depth: 1000000 } }
 shapes:
-  - { mesh: { path: wall.obj }, bsdf: { diffuse: { reflectance: [0.1, 0.2, 0.3], one_sided: true } } }
+  - { mesh: { path: wall.obj, normals: file }, bsdf: { diffuse: { reflectance: [0.1, 0.2, 0.3], one_sided: true } } }
   - { sphere: { radius: 2 }, bsdf: { mirror: { one_sided: true } }, emitter: { area: { radiance: 4 } } }
 ",
     );
@@ -157,7 +183,12 @@ fn what_differs_is_refused_with_its_line() {
     for (parts, line, said) in [
         ("<shape type=\"cylinder\"/>", 9, "cylinder"),
         ("<shape type=\"sphere\">\n<float name=\"radios\" value=\"1\"/></shape>", 10, "radios"),
-        ("<emitter type=\"envmap\"/>", 9, "envmap"),
+        ("<emitter type=\"envmap\"/>", 9, "no `filename`"),
+        (
+            "<emitter type=\"envmap\"><string name=\"filename\" value=\"a.exr\"/><transform name=\"to_world\"><rotate x=\"1\" angle=\"90\"/></transform></emitter>",
+            9,
+            "upright",
+        ),
         ("<shape type=\"cube\"><ref id=\"nowhere\"/></shape>", 9, "nowhere"),
         ("<bsdf type=\"twosided\" id=\"a\"><ref id=\"a\"/></bsdf>", 9, "nested"),
         ("<bsdf type=\"diffuse\" id=\"a\"><float name=\"reflectance\" value=\"x\"/></bsdf>", 9, "no number"),
