@@ -10,6 +10,8 @@ use crate::engine::executor::{self, THREADS};
 use crate::engine::quantity;
 use crate::engine::request::{JOB_LIMIT, Request};
 use crate::engine::run::Places;
+use crate::engine::store::address::{Address, Remote};
+use crate::engine::store::signing::{Keys, PublicKey, SecretKey};
 
 /// What stands below the list of commands.
 const FIRST_STEPS: &str = "\
@@ -131,9 +133,9 @@ pub struct TargetArguments {
     pub force: Vec<String>,
 }
 
-/// Where to write.
+/// Where to write on this machine.
 #[derive(Debug, Clone, Args)]
-pub struct PlaceArguments {
+pub struct LocalPlaceArguments {
     /// Folder of published files and manifests
     #[arg(long, value_name = "DIR", env = "PIPELINE_OUTPUTS", default_value = "outputs")]
     pub outputs: PathBuf,
@@ -145,12 +147,85 @@ pub struct PlaceArguments {
     pub allow_shared_store: bool,
 }
 
-impl PlaceArguments {
+impl LocalPlaceArguments {
     /// The folders.
     pub fn places(&self) -> Places {
         let store = self.store.clone().unwrap_or_else(|| self.outputs.join(".store"));
-        Places { outputs: self.outputs.clone(), store, may_share_store: self.allow_shared_store }
+        Places { outputs: self.outputs.clone(), store, may_share_store: self.allow_shared_store, remote: None }
     }
+}
+
+/// Where to write, and where else to look.
+#[derive(Debug, Clone, Args)]
+pub struct PlaceArguments {
+    /// On this machine.
+    #[command(flatten)]
+    pub local: LocalPlaceArguments,
+    /// Another store behind this one.
+    #[command(flatten)]
+    pub remote: RemoteArguments,
+}
+
+impl PlaceArguments {
+    /// The stores and folders.
+    pub fn places(&self) -> Places {
+        Places { remote: self.remote.remote(), ..self.local.places() }
+    }
+}
+
+/// A store elsewhere.
+#[derive(Debug, Clone, Args)]
+pub struct RemoteArguments {
+    /// A store that others use too, behind the private one: a folder that is there, or s3://BUCKET/PREFIX. What is missing here is
+    /// looked for there, and what is computed here goes there
+    #[arg(long, value_name = "FOLDER|URL", env = "PIPELINE_STORE_REMOTE")]
+    pub store_remote: Option<Address>,
+    /// Write nothing to the remote store
+    #[arg(long, env = "PIPELINE_STORE_REMOTE_READ_ONLY", value_parser = clap::builder::FalseyValueParser::new())]
+    pub store_remote_read_only: bool,
+    /// Keys of this remote store.
+    #[command(flatten)]
+    pub keys: KeyArguments,
+}
+
+impl RemoteArguments {
+    /// The store, if there is one.
+    fn remote(&self) -> Option<Remote> {
+        let address = self.store_remote.clone()?;
+        Some(Remote { address, is_read_only: self.store_remote_read_only, keys: self.keys.keys() })
+    }
+}
+
+/// Who vouches for records that go from machine to machine.
+#[derive(Debug, Clone, Default, Args)]
+pub struct KeyArguments {
+    /// Sign what goes to another store with the key in this file (`pipeline store keygen`)
+    #[arg(long, value_name = "FILE", env = "PIPELINE_STORE_SIGN", value_parser = secret_key)]
+    pub store_sign: Option<SecretKey>,
+    /// Take from another store only what one of these keys, or the one that signs, has signed: a file of public keys, or
+    /// ed25519:KEY; may be given several times
+    #[arg(long, value_name = "FILE|KEY", env = "PIPELINE_STORE_TRUST", value_delimiter = ',', value_parser = trusted_keys)]
+    pub store_trust: Vec<TrustedKeys>,
+}
+
+impl KeyArguments {
+    /// The keys.
+    pub fn keys(&self) -> Keys {
+        let trusted = self.store_trust.iter().flat_map(|keys| keys.0.iter().copied()).collect();
+        Keys { signing: self.store_sign.clone(), trusted: (!self.store_trust.is_empty()).then_some(trusted) }
+    }
+}
+
+/// Keys that one argument names.
+#[derive(Debug, Clone)]
+pub struct TrustedKeys(Vec<PublicKey>);
+
+fn secret_key(text: &str) -> Result<SecretKey, String> {
+    SecretKey::in_file(std::path::Path::new(text)).map_err(|error| error.to_string())
+}
+
+fn trusted_keys(text: &str) -> Result<TrustedKeys, String> {
+    PublicKey::all_of(text).map(TrustedKeys).map_err(|error| error.to_string())
 }
 
 /// How much to say.
@@ -466,7 +541,7 @@ pub struct VerifyCommand {
     pub inputs: Vec<PathBuf>,
     /// Where the run wrote.
     #[command(flatten)]
-    pub places: PlaceArguments,
+    pub places: LocalPlaceArguments,
     /// How much to say.
     #[command(flatten)]
     pub talk: TalkArguments,
@@ -628,6 +703,104 @@ pub enum StoreCommand {
     Verify(StoreArguments),
     /// Remove what is not worth its room; safe beside running pipelines
     Gc(GcCommand),
+    /// Send a run, or all results, to another store
+    Push(PushCommand),
+    /// Bring a run, or all results, from another store
+    Pull(PullCommand),
+    /// Show what a store elsewhere keeps of the promises that stores make
+    Check(CheckStoreCommand),
+    /// Write a key that signs what goes to other stores
+    Keygen(KeygenCommand),
+}
+
+/// Arguments of `store push`.
+#[derive(Debug, Args)]
+#[command(
+    allow_missing_positional = true,
+    after_help = "\
+Examples:
+  pipeline store push light /mnt/group/store
+  pipeline store push --all s3://bucket/store --store-sign lab.key"
+)]
+pub struct PushCommand {
+    /// The run: its id, its folder, its manifest, or the name of a pipeline (its latest run)
+    #[arg(required_unless_present = "all", conflicts_with = "all")]
+    pub run: Option<String>,
+    /// Send all results of the store, and no run
+    #[arg(long)]
+    pub all: bool,
+    /// Where to: a folder that is there, or s3://BUCKET/PREFIX
+    #[arg(value_name = "FOLDER|URL")]
+    pub target: Address,
+    /// Which store.
+    #[command(flatten)]
+    pub store: LocalStoreArguments,
+}
+
+/// Arguments of `store pull`.
+#[derive(Debug, Args)]
+#[command(
+    allow_missing_positional = true,
+    after_help = "\
+Examples:
+  pipeline store pull light /mnt/group/store
+  pipeline store pull 20260101T120000Z-ab12cd s3://bucket/store --store-trust lab.keys"
+)]
+pub struct PullCommand {
+    /// The run that was sent there: its id, or the name of a pipeline (its latest run)
+    #[arg(required_unless_present = "all", conflicts_with = "all")]
+    pub run: Option<String>,
+    /// Bring all results that are there, and no run
+    #[arg(long)]
+    pub all: bool,
+    /// Where from: a folder, or s3://BUCKET/PREFIX
+    #[arg(value_name = "FOLDER|URL")]
+    pub source: Address,
+    /// Which store.
+    #[command(flatten)]
+    pub store: LocalStoreArguments,
+}
+
+/// A store of this machine, and how it deals with others.
+#[derive(Debug, Args)]
+pub struct LocalStoreArguments {
+    /// Where it is.
+    #[command(flatten)]
+    pub places: LocalPlaceArguments,
+    /// Keys of the other store.
+    #[command(flatten)]
+    pub keys: KeyArguments,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `store check`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline store check /mnt/group/store
+  pipeline store check s3://bucket/store")]
+pub struct CheckStoreCommand {
+    /// The store: a folder that is there, or s3://BUCKET/PREFIX
+    #[arg(value_name = "FOLDER|URL")]
+    pub target: Address,
+    /// Write nothing there
+    #[arg(long)]
+    pub read_only: bool,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `store keygen`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pipeline store keygen lab.key     lab.key stays here; lab.key.pub is what others trust")]
+pub struct KeygenCommand {
+    /// The file for the secret key, which must not be there; the public one goes beside it, with `.pub` at its end
+    pub file: PathBuf,
 }
 
 /// Which store.
@@ -635,7 +808,7 @@ pub enum StoreCommand {
 pub struct StoreArguments {
     /// Where it is.
     #[command(flatten)]
-    pub places: PlaceArguments,
+    pub places: LocalPlaceArguments,
     /// Form of the answer
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,

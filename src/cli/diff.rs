@@ -3,13 +3,12 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use serde::Serialize;
 
 use super::Ending;
-use super::arguments::{DiffCommand, Format};
+use super::arguments::{DiffCommand, Format, PlaceArguments};
 use super::outcomes::{counted, some};
 use super::screen::{Screen, escaped_lines, json_text};
 use super::signals::Interrupt;
@@ -24,6 +23,7 @@ use crate::engine::save::published_path;
 use crate::engine::stage::StageError;
 use crate::engine::store::folder::FolderStore;
 use crate::engine::store::library::Library;
+use crate::engine::system::SystemError;
 use crate::stages::difference::{Difference, difference, from_file, metric};
 use crate::stages::registry;
 
@@ -38,11 +38,11 @@ struct Side {
 }
 
 impl Side {
-    fn new(run: FoundRun, store: Option<&PathBuf>) -> Self {
+    fn new(run: FoundRun, places: &PlaceArguments) -> Result<Self, SystemError> {
         let outputs = run.outputs.clone().unwrap_or_default();
-        let store = store.cloned().unwrap_or_else(|| outputs.join(".store"));
+        let store = places.local.store.clone().unwrap_or_else(|| outputs.join(".store"));
         let folder = run.outputs.as_ref().map(|outputs| outputs.join(&run.manifest.pipeline));
-        Self { library: Library::new(Arc::new(FolderStore::at(store))), folder, run }
+        Ok(Self { library: places.places().library_over(FolderStore::at(store))?, folder, run })
     }
 
     /// A result, from the store or, where that has it no more, from an image that was published of it.
@@ -92,10 +92,17 @@ pub fn diff(command: &DiffCommand, screen: &Screen) -> Ending {
             }
         }
     }
-    let find = |name: &str| runs::find(name, &command.places.outputs).map(|run| Side::new(run, command.places.store.as_ref()));
+    let find = |name: &str| runs::find(name, &command.places.local.outputs);
     let (first, second) = match (find(&command.first), find(&command.second)) {
         (Ok(first), Ok(second)) => (first, second),
         (Err(error), _) | (_, Err(error)) => return no_run(&error, screen),
+    };
+    let (first, second) = match (Side::new(first, &command.places), Side::new(second, &command.places)) {
+        (Ok(first), Ok(second)) => (first, second),
+        (Err(error), _) | (_, Err(error)) => {
+            screen.error(&error.to_string(), None);
+            return Ending::System;
+        }
     };
     let mut comparison = compare(&first.run.manifest, &second.run.manifest);
     if let Err(ending) = keep_only(&command.only, &mut comparison, [&first, &second], screen) {

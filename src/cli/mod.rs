@@ -17,6 +17,7 @@ mod shell;
 mod signals;
 mod store;
 mod team;
+mod travel;
 mod verify;
 mod viewing;
 mod watch;

@@ -1,7 +1,6 @@
 //! `pipeline report`: a run as a page.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use super::Ending;
@@ -15,7 +14,6 @@ use crate::engine::provenance::runs::{self, FoundRun};
 use crate::engine::run::Places;
 use crate::engine::schedule::bytes_text;
 use crate::engine::store::folder::FolderStore;
-use crate::engine::store::library::Library;
 use crate::report::{self, ReportError, Settings, Written};
 use crate::stages::registry;
 
@@ -23,13 +21,13 @@ use crate::stages::registry;
 pub fn report(command: &ReportCommand, screen: &Screen) -> Ending {
     let interrupt = Interrupt::listen();
     interrupt.is_running.store(true, Ordering::Relaxed);
-    let run = match runs::find(&command.run, &command.places.outputs) {
+    let run = match runs::find(&command.run, &command.places.local.outputs) {
         Ok(run) => run,
         Err(error) => return no_run(&error, screen),
     };
-    let store = command.places.store.clone().unwrap_or_else(|| run.outputs.clone().unwrap_or_default().join(".store"));
+    let store = command.places.local.store.clone().unwrap_or_else(|| run.outputs.clone().unwrap_or_default().join(".store"));
     let page = command.out.clone().unwrap_or_else(|| report::place_of(&run));
-    match write(&run, store, Settings { page, budget: command.budget }, &interrupt) {
+    match write(&run, &command.places.places(), store, Settings { page, budget: command.budget }, &interrupt) {
         Ok(written) => {
             tell(&written, command.talk, screen);
             screen.print(&format!("{}\n", escape(&written.page.display().to_string())))
@@ -45,7 +43,7 @@ pub fn after_run(manifest: &std::path::Path, places: &Places, talk: TalkArgument
         Err(error) => return no_run(&error, screen),
     };
     let page = manifest.with_file_name("report.html");
-    match write(&run, places.store.clone(), Settings { page, budget: report::BUDGET }, interrupt) {
+    match write(&run, places, places.store.clone(), Settings { page, budget: report::BUDGET }, interrupt) {
         Ok(written) => {
             tell(&written, talk, screen);
             Ending::Done
@@ -54,8 +52,8 @@ pub fn after_run(manifest: &std::path::Path, places: &Places, talk: TalkArgument
     }
 }
 
-fn write(run: &FoundRun, store: PathBuf, settings: Settings, interrupt: &Interrupt) -> Result<Written, ReportError> {
-    let library = Library::new(Arc::new(FolderStore::at(store)));
+fn write(run: &FoundRun, places: &Places, store: PathBuf, settings: Settings, interrupt: &Interrupt) -> Result<Written, ReportError> {
+    let library = places.library_over(FolderStore::at(store))?;
     report::write(run, library, &registry(), &settings, &|| interrupt.flag.load(Ordering::Relaxed))
 }
 

@@ -29,7 +29,7 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
         return Ending::Refused;
     }
     let interrupt = Interrupt::listen();
-    let team = match Team::of(&command.team) {
+    let team = match Team::of(&command.team, command.work.places.remote.store_remote.as_ref()) {
         Ok(team) => team,
         Err(error) => {
             screen.error(&error, None);

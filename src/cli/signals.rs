@@ -62,6 +62,12 @@ impl Interrupt {
         }
     }
 
+    /// From now on there is something to end in good order, which looks at this.
+    pub fn begun(&self) -> &AtomicBool {
+        self.is_running.store(true, Ordering::Relaxed);
+        &self.flag
+    }
+
     /// How an interrupted run ends.
     pub fn ending(&self) -> Ending {
         // A run that `pipeline cancel` ended has heard no signal.

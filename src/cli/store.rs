@@ -2,9 +2,9 @@
 
 use std::time::Instant;
 
-use super::Ending;
 use super::arguments::{Format, GcCommand, StoreArguments, StoreCommand};
 use super::screen::{Screen, escaped_lines, json_text};
+use super::{Ending, travel};
 use crate::engine::schedule::bytes_text;
 use crate::engine::store::collection::{Collected, Policy, collect};
 use crate::engine::store::folder::FolderStore;
@@ -19,6 +19,10 @@ pub fn store(command: &StoreCommand, screen: &Screen) -> Ending {
         StoreCommand::Stats(arguments) => show_stats(arguments, screen),
         StoreCommand::Verify(arguments) => show_verification(arguments, screen),
         StoreCommand::Gc(command) => show_collection(command, screen),
+        StoreCommand::Push(command) => travel::push(command, screen),
+        StoreCommand::Pull(command) => travel::pull(command, screen),
+        StoreCommand::Check(command) => travel::check(command, screen),
+        StoreCommand::Keygen(command) => travel::keygen(command, screen),
     };
     done.unwrap_or_else(|error| {
         screen.error(&error.to_string(), None);
@@ -52,6 +56,7 @@ fn stats_text(place: &str, stats: &Stats) -> String {
         ("results", &stats.results),
         ("publications", &stats.publications),
         ("notes", &stats.notes),
+        ("runs", &stats.runs),
         ("set aside", &stats.damaged),
         ("unfinished", &stats.unfinished),
         ("claims", &stats.claims),

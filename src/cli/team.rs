@@ -17,6 +17,7 @@ use crate::engine::owner::host_name;
 use crate::engine::request::Request;
 use crate::engine::run::{self, Service};
 use crate::engine::schedule::panics;
+use crate::engine::store::address::Address;
 use crate::engine::sweep::build;
 use crate::engine::system::temporary_name;
 use crate::engine::team::folder::{Assignment, Ending as Order, RunFolder};
@@ -37,13 +38,21 @@ pub struct Team {
 
 impl Team {
     /// The workers that the command line asks for; none if this process is to compute.
-    pub fn of(arguments: &TeamArguments) -> Result<Option<Self>, String> {
+    ///
+    /// Workers see the store of the run and no other, so there is no remote one beside them.
+    pub fn of(arguments: &TeamArguments, remote: Option<&Address>) -> Result<Option<Self>, String> {
         let Some(row) = EXECUTORS.iter().find(|row| row.name == arguments.executor) else {
             return match &arguments.profile {
                 Some(_) => Err(format!("`--profile` is for workers, and `--executor {THREADS}` has none")),
                 None => Ok(None),
             };
         };
+        if let Some(remote) = remote {
+            return Err(format!(
+                "workers share the store of the run, and `--store-remote {remote}` is another: leave it out, with `pipeline store pull` before and \
+                 `pipeline store push` after the run"
+            ));
+        }
         let profile = arguments.profile.as_deref().map(Profile::find).transpose().map_err(|error| error.to_string())?;
         Ok(Some(Self { row, limit: arguments.workers, profile: profile.unwrap_or_default(), run: OnceLock::new() }))
     }

@@ -47,6 +47,10 @@ impl PlainFile {
     pub fn create(path: PathBuf, mode: u32) -> io::Result<Self> {
         faults::point(&path)?;
         let file = fs::File::options().write(true).create_new(true).mode(mode).open(&path)?;
+        if mode & 0o077 != 0 {
+            // Meant for others, whatever the process masks.
+            file.set_permissions(Permissions::from_mode(mode))?;
+        }
         Ok(Self { file, path })
     }
 
@@ -101,6 +105,12 @@ impl Write for PlainFile {
 pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     faults::point(to)?;
     fs::rename(from, to)
+}
+
+/// Gives a file a second name, which must not exist yet.
+pub fn second_name(from: &Path, to: &Path) -> io::Result<()> {
+    faults::point(to)?;
+    fs::hard_link(from, to)
 }
 
 /// Removes a file, a link or a pipe.

@@ -14,6 +14,7 @@ use super::manifest::{InputEntry, JobEntry, Outcome, OutputEntry, input_items, j
 use super::signature::Signatures;
 use super::store::index::Index;
 use super::store::library::{Library, Lost};
+use super::store::objects::Shelf;
 use super::store::record::ResultRecord;
 
 /// What is known of a job before anything runs.
@@ -58,13 +59,17 @@ pub struct InputError {
 pub fn plan(graph: &Graph, library: &Library, index: &Index, signatures: &mut Signatures) -> Result<Plan, Vec<InputError>> {
     let files = input_digests(graph, signatures)?;
     let has_results = library.has_results();
-    let mut plan = Plan { jobs: Vec::with_capacity(graph.jobs.len()) };
-    for job in &graph.jobs {
-        let planned = job.is_wanted.then(|| {
-            let digests = job.files.iter().map(|(_, path)| files[path]).collect();
-            planned_job(graph, job, digests, &plan.jobs, |key| if has_results { library.result(key) } else { Err(Lost::Missing) }, index)
-        });
-        plan.jobs.push(planned);
+    let mut plan = Plan { jobs: graph.jobs.iter().map(|_| None).collect() };
+    for wave in waves(graph) {
+        let asked: Vec<Asked> = wave.into_iter().map(|job| asked(graph, job, &files, &plan.jobs, index)).collect();
+        if has_results {
+            library.fetch(Shelf::Results, asked.iter().filter_map(Asked::wanted_key));
+        }
+        for asked in asked {
+            let lookup = |key: &Digest| if has_results { library.result(key) } else { Err(Lost::Missing) };
+            let job = asked.job;
+            plan.jobs[job] = Some(answered(graph, asked, lookup));
+        }
     }
     if !has_results {
         plan.jobs.iter_mut().flatten().filter(|job| job.outcome == Outcome::Maybe).for_each(|job| job.outcome = Outcome::Run);
@@ -72,33 +77,61 @@ pub fn plan(graph: &Graph, library: &Library, index: &Index, signatures: &mut Si
     Ok(plan)
 }
 
-fn planned_job(
-    graph: &Graph,
-    job: &JobNode,
-    files: Vec<Digest>,
-    earlier: &[Option<PlannedJob>],
-    lookup: impl FnOnce(&Digest) -> Result<ResultRecord, Lost>,
-    index: &Index,
-) -> PlannedJob {
+/// Wanted jobs, those together whose inputs all stand in earlier waves: what the store has of a wave can be asked at once.
+fn waves(graph: &Graph) -> Vec<Vec<usize>> {
+    let mut depths = vec![0; graph.jobs.len()];
+    let mut waves: Vec<Vec<usize>> = Vec::new();
+    for (index, job) in graph.jobs.iter().enumerate().filter(|(_, job)| job.is_wanted) {
+        let depth = input_items(job).map(|(_, item)| depths[item.job] + 1).max().unwrap_or(0);
+        depths[index] = depth;
+        waves.resize_with(waves.len().max(depth + 1), Vec::new);
+        waves[depth].push(index);
+    }
+    waves
+}
+
+/// A job with its key, if that can be known, before the store is asked.
+struct Asked {
+    job: usize,
+    /// What is to be expected if the store has nothing.
+    planned: PlannedJob,
+}
+
+impl Asked {
+    /// The key to ask the store for; none where the answer is known.
+    fn wanted_key(&self) -> Option<Digest> {
+        self.planned.key.filter(|_| self.planned.outcome != Outcome::Hit && self.planned.reason.is_empty())
+    }
+}
+
+fn asked(graph: &Graph, index_of_job: usize, files: &HashMap<PathBuf, Digest>, earlier: &[Option<PlannedJob>], index: &Index) -> Asked {
+    let job = &graph.jobs[index_of_job];
+    let files: Vec<Digest> = job.files.iter().map(|(_, path)| files[path]).collect();
     let planned = |input: usize| earlier[input].as_ref().expect("the inputs of a wanted job are wanted");
     let recipe = key::recipe(graph, job, &files, |input| planned(input).recipe);
     // The index may know the results of a job while an input's record is gone.
     if let Some(record) = index.result(&recipe).filter(|record| !job.is_forced && is_whole(graph, job, record)) {
         let (key, record) = (Some(record.key), Some(record.clone()));
-        return PlannedJob { recipe, files, key, record, outcome: Outcome::Hit, reason: "" };
+        return Asked { job: index_of_job, planned: PlannedJob { recipe, files, key, record, outcome: Outcome::Hit, reason: "" } };
     }
     let content = |item: &InputNode| planned(item.job).record.as_ref().map(|record| record.outputs[item.result].content.digest);
     let is_known = input_items(job).all(|(_, item)| content(item).is_some());
     let key = is_known.then(|| key::key(graph, job, &files, |item| content(item).expect("all were looked at above")));
-    let unknown = PlannedJob { recipe, files, key, record: None, outcome: Outcome::Run, reason: "" };
-    if job.is_forced {
-        return PlannedJob { reason: "forced", ..unknown };
-    }
-    match key.map(|key| lookup(&key)) {
-        None => PlannedJob { outcome: Outcome::Maybe, ..unknown },
-        Some(Ok(record)) if is_whole(graph, job, &record) => PlannedJob { record: Some(record), outcome: Outcome::Hit, ..unknown },
-        Some(Ok(_)) | Some(Err(Lost::Missing)) => unknown,
-        Some(Err(lost @ Lost::Damaged(_))) => PlannedJob { reason: lost.reason(), ..unknown },
+    let reason = if job.is_forced { "forced" } else { "" };
+    let outcome = if job.is_forced || key.is_some() { Outcome::Run } else { Outcome::Maybe };
+    Asked { job: index_of_job, planned: PlannedJob { recipe, files, key, record: None, outcome, reason } }
+}
+
+/// The same with the store's answer.
+fn answered(graph: &Graph, asked: Asked, lookup: impl FnOnce(&Digest) -> Result<ResultRecord, Lost>) -> PlannedJob {
+    let Some(key) = asked.wanted_key() else { return asked.planned };
+    let unknown = asked.planned;
+    match lookup(&key) {
+        Ok(record) if is_whole(graph, &graph.jobs[asked.job], &record) => {
+            PlannedJob { record: Some(record), outcome: Outcome::Hit, ..unknown }
+        }
+        Ok(_) | Err(Lost::Missing) => unknown,
+        Err(lost @ Lost::Damaged(_)) => PlannedJob { reason: lost.reason(), ..unknown },
     }
 }
 

@@ -309,7 +309,7 @@ impl Space {
     }
 
     pub fn places(&self) -> Places {
-        Places { outputs: self.path("outputs"), store: self.path("store"), may_share_store: false }
+        Places { outputs: self.path("outputs"), store: self.path("store"), may_share_store: false, remote: None }
     }
 
     pub fn try_run(&self, graph: Graph) -> Result<Summary, RunError> {

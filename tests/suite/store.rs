@@ -158,3 +158,68 @@ fn a_file_that_does_not_fit_in_memory_fails_before_it_is_read() {
     space.run(&["run", "p.yaml", "--memory", "20KiB"]).expect(1, &["needs about 48.0 KiB", "--memory"]);
     space.run(&["run", "p.yaml", "--memory", "1MiB"]).expect(0, &[]);
 }
+
+/// Another machine: a folder of its own with the same pipeline.
+fn machine() -> Space {
+    let space = Space::new();
+    space.pipeline(PIPELINE);
+    space
+}
+
+#[test]
+fn a_second_machine_takes_everything_from_the_store_behind_its_own() {
+    let (far, one, two) = (Space::new(), machine(), machine());
+    fs::set_permissions(far.path(""), fs::Permissions::from_mode(0o700)).unwrap();
+    let behind = ["--store-remote", far.path("").to_str().unwrap()].map(str::to_owned);
+    let behind: Vec<&str> = behind.iter().map(String::as_str).collect();
+    let first = one.summary(&behind);
+    let second = two.summary(&behind);
+    assert_eq!((&second["measured"]["jobs"]["hit"], &second["result_id"]), (&4.into(), &first["result_id"]), "{second}");
+    assert_eq!(one.read("outputs/p/samples/n=4.csv"), two.read("outputs/p/samples/n=4.csv"));
+    // The page needs what no one has asked for yet.
+    let page = two.run(&[&["report", "p"], behind.as_slice()].concat());
+    page.expect(0, &[]);
+    assert!(!page.stderr.contains("gone from the store"), "{}", page.stderr);
+
+    fs::set_permissions(far.path(""), fs::Permissions::from_mode(0o777)).unwrap();
+    let refused = machine().run(&[&["run", "p.yaml"], behind.as_slice()].concat());
+    refused.expect(3, &["others may write to it", "--allow-shared-store", "--store-trust"]);
+    machine().run(&["run", "p.yaml", "--store-remote", "http://x/y"]).expect(2, &["s3://BUCKET/PREFIX"]);
+    machine().run(&["run", "p.yaml", "--store-trust", "nowhere"]).expect(2, &["cannot read `nowhere`"]);
+}
+
+#[test]
+fn a_run_is_pushed_checked_and_pulled() {
+    let (far, one, two) = (Space::new(), filled(), machine());
+    let place = far.path("").to_str().unwrap().to_owned();
+    fs::set_permissions(far.path(""), fs::Permissions::from_mode(0o777)).unwrap();
+    one.run(&["store", "keygen", "key"]).expect(0, &["key.pub"]);
+    one.run(&["store", "keygen", "key"]).expect(3, &["cannot write `key`"]);
+    let secret = one.path("key").to_str().unwrap().to_owned();
+    let trust = format!("{secret}.pub");
+
+    let sent = one.run(&["store", "push", "p", &place, "--store-sign", &secret, "--store-trust", &trust, "--format", "json"]);
+    sent.expect(0, &[]);
+    assert_eq!((&json(&sent)["records"], &json(&sent)["new"]), (&7.into(), &7.into()), "{}", sent.stdout);
+    one.run(&["store", "push", &place]).expect(2, &["<RUN>"]);
+    let brought = two.run(&["store", "pull", "p", &place, "--store-trust", &trust]);
+    brought.expect(0, &[]);
+    assert!(brought.stdout.contains("7 records here, 7 of them new, 3 files published"), "{}", brought.stdout);
+    assert_eq!(two.executed(&[]), 0);
+    two.run(&["store", "verify"]).expect(0, &[]);
+    two.run(&["diff", "p", one.path("outputs/p").to_str().unwrap()]).expect(0, &[]);
+    two.run(&["store", "pull", "q", &place, "--store-trust", &trust]).expect(2, &["holds no run `q`", "did you mean `p`?"]);
+
+    let three = machine();
+    three.run(&["store", "keygen", "other"]).expect(0, &[]);
+    three.run(&["store", "pull", "p", &place, "--store-trust", "other.pub"]).expect(2, &["no key that is trusted here has signed it"]);
+    let all = three.run(&["store", "pull", "--all", &place, "--store-trust", "other.pub"]);
+    all.expect(1, &[]);
+    assert!(all.stdout.contains("not carried: result record"), "{}", all.stdout);
+    assert_eq!(three.executed(&[]), 4);
+
+    let checked = three.run(&["store", "check", &place]);
+    checked.expect(0, &[]);
+    assert!(checked.stdout.contains("all is as it should be"), "{}", checked.stdout);
+    three.run(&["store", "check", "/nowhere"]).expect(3, &["cannot use `/nowhere`"]);
+}

@@ -7,4 +7,5 @@ pub mod comparison;
 pub mod origin;
 pub mod ro_crate;
 pub mod runs;
+pub mod travel;
 pub mod verification;

@@ -140,7 +140,7 @@ fn outputs_of(path: &Path, run_id: &str) -> Option<PathBuf> {
 }
 
 /// Whether it is of this form and its names are safe to write under.
-fn checked(manifest: &Manifest) -> Result<(), String> {
+pub fn checked(manifest: &Manifest) -> Result<(), String> {
     if manifest.schema != SCHEMA {
         return Err(format!("its form is {}, and this program reads `{SCHEMA}`", quoted(&manifest.schema)));
     }

@@ -62,7 +62,12 @@ impl Scratch {
 
     /// Where to run.
     pub fn places(&self) -> Places {
-        Places { outputs: self.folder.path().join("outputs"), store: self.folder.path().join("store"), may_share_store: false }
+        Places {
+            outputs: self.folder.path().join("outputs"),
+            store: self.folder.path().join("store"),
+            may_share_store: false,
+            remote: None,
+        }
     }
 }
 

@@ -30,10 +30,12 @@ use super::schedule::role::Role;
 use super::schedule::values::Shared;
 use super::schedule::{Finished, Ledger, Scheduler, Settings, World};
 use super::signature::Signatures;
+use super::store::address::{Remote, Unusable};
 use super::store::committer::Committer;
 use super::store::folder::FolderStore;
 use super::store::index::Index;
 use super::store::library::Library;
+use super::store::tiers::Tiers;
 use super::system::SystemError;
 use super::team::folder::{Assignment, RunFolder, plan_digest};
 use super::team::hand::Hand;
@@ -49,6 +51,8 @@ pub struct Places {
     pub store: PathBuf,
     /// Whether others may write to the store too.
     pub may_share_store: bool,
+    /// A store elsewhere, behind this one.
+    pub remote: Option<Remote>,
 }
 
 impl Places {
@@ -57,9 +61,23 @@ impl Places {
         FolderStore::open(&self.store, self.may_share_store)
     }
 
-    /// What stands in the store; the same error.
+    /// What stands in the store and in the one behind it; the same error. One that cannot be reached is done without.
     pub fn library(&self) -> Result<Library, SystemError> {
-        Ok(Library::new(Arc::new(self.folder_store()?)))
+        self.library_over(self.folder_store()?)
+    }
+
+    /// The same, of a folder that was opened in another way.
+    pub fn library_over(&self, near: FolderStore) -> Result<Library, SystemError> {
+        let Some(remote) = &self.remote else { return Ok(Library::new(Arc::new(near))) };
+        match remote.open(self.may_share_store) {
+            Ok(far) => Ok(Library::new(Arc::new(Tiers::new(near, far)))),
+            Err(Unusable::Refused(error)) => Err(error),
+            Err(Unusable::Gone(error)) => {
+                let library = Library::new(Arc::new(near));
+                library.notice(format!("the remote store is done without: {error}"));
+                Ok(library)
+            }
+        }
     }
 
     fn pipeline_folder(&self, graph: &Graph) -> PathBuf {
@@ -523,3 +541,6 @@ mod sharing_tests;
 
 #[cfg(test)]
 mod damage_tests;
+
+#[cfg(test)]
+mod tiers_tests;

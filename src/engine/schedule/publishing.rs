@@ -8,6 +8,7 @@ use crate::engine::events::Event;
 use crate::engine::key;
 use crate::engine::manifest::{Outcome, PublishedEntry, result_name};
 use crate::engine::store::library::Lost;
+use crate::engine::store::objects::Shelf;
 use crate::engine::store::record::PublicationRecord;
 
 impl Scheduler<'_> {
@@ -35,10 +36,19 @@ impl Scheduler<'_> {
     }
 
     pub(super) fn file_to_publish(&self, job: usize, publication: usize) -> FileToPublish {
+        let wanted = &self.shared.graph.jobs[job].publications[publication];
+        let source = self.source(job, wanted.result);
+        let (origin, key) = self.origin(job, publication, source.key, source.blob.digest);
+        let known = self.index.publication(&key).cloned();
+        let record = known.or_else(|| self.shared.library.publication(&key).ok());
+        FileToPublish { publication, key, origin, source, record }
+    }
+
+    /// What is written inside a file of a job, and its key.
+    fn origin(&self, job: usize, publication: usize, key: Digest, content: Digest) -> (Origin, Digest) {
         let graph = &self.shared.graph;
         let node = &graph.jobs[job];
         let wanted = &node.publications[publication];
-        let source = self.source(job, wanted.result);
         let stage = &graph.stages[node.stage];
         let (result_name, type_name) = stage.results[wanted.result];
         let point = if result_name.is_empty() { "" } else { "." };
@@ -46,13 +56,25 @@ impl Scheduler<'_> {
             pipeline: graph.pipeline.clone(),
             stage: format!("{}{point}{result_name}", stage.name),
             coordinate: node.coordinate.to_string(),
-            key: source.key.to_string(),
+            key: key.to_string(),
         };
         let version = self.shared.artifact_kind(type_name).encoder_version;
-        let key = key::publication_key(type_name, &source.blob.digest, &wanted.format, version, &origin);
-        let known = self.index.publication(&key).cloned();
-        let record = known.or_else(|| self.shared.library.publication(&key).ok());
-        FileToPublish { publication, key, origin, source, record }
+        let key = key::publication_key(type_name, &content, &wanted.format, version, &origin);
+        (origin, key)
+    }
+
+    /// Brings near the records of the files of jobs whose results are known, all at once.
+    pub(super) fn fetch_publications(&self, jobs: &[usize]) {
+        let keys = jobs.iter().flat_map(|&job| {
+            let record = self.state(job).planned.record.as_ref();
+            let publications = self.shared.graph.jobs[job].publications.iter().enumerate();
+            publications.filter_map(move |(publication, wanted)| {
+                let record = record?;
+                let key = self.origin(job, publication, record.key, record.outputs[wanted.result].content.digest).1;
+                self.index.publication(&key).is_none().then_some(key)
+            })
+        });
+        self.shared.library.fetch(Shelf::Publications, keys);
     }
 
     /// Whether a published file has its bytes; tells if someone has changed it.

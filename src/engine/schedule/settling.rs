@@ -34,6 +34,7 @@ impl Scheduler<'_> {
             // Not counted yet: settling an input must not count it down.
             state.waiting = usize::MAX;
         }
+        self.fetch_publications(&wanted);
         for &job in &wanted {
             if let Some(record) = self.state_mut(job).planned.record.take() {
                 let state = self.state_mut(job);

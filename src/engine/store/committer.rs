@@ -1,6 +1,6 @@
 //! Makes results durable in groups: blobs, one sync, then the records that name them.
 //!
-//! A record never stands on disk before its bytes. Jobs do not wait for it: what is lost with the power is
+//! A record never stands on disk before its bytes; where the store is shared with other machines, it goes there with its group. Jobs do not wait for it: what is lost with the power is
 //! the last group, and its jobs run again. Between groups the committer sleeps, so that handing a record in wakes no one.
 
 use std::sync::Arc;
@@ -35,6 +35,13 @@ impl Commit {
         match self {
             Commit::Result(record) => record.outputs.iter().map(|output| &output.content).collect(),
             Commit::Publication(record) => vec![&record.content],
+        }
+    }
+
+    fn name(&self) -> (Shelf, String) {
+        match self {
+            Commit::Result(record) => (Shelf::Results, record.key.to_string()),
+            Commit::Publication(record) => (Shelf::Publications, record.key.to_string()),
         }
     }
 }
@@ -196,5 +203,7 @@ fn commit_group(library: &Library, group: &[Commit], is_hurried: &AtomicBool) ->
             Commit::Publication(record) => library.keep_record(Shelf::Publications, record)?,
         }
     }
+    let records: Vec<_> = group.iter().map(Commit::name).collect();
+    library.share(&records, is_hurried);
     Ok(())
 }

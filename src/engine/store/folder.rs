@@ -37,6 +37,7 @@ const RENEWAL: Duration = Duration::from_secs(24 * 3600);
 const PRIVATE: u32 = 0o700;
 
 /// A store in a local folder.
+#[derive(Clone)]
 pub struct FolderStore {
     parent: PathBuf,
     layout: Layout,
@@ -77,6 +78,23 @@ impl FolderStore {
         Self { layout: Layout { root: parent.join(LAYOUT), folder_mode: PRIVATE }, parent, is_inspected: false, made: OnceLock::new() }
     }
 
+    /// A folder that others may use too, which must be there: what is made in it has the rights that it has.
+    pub fn open_remote(folder: impl Into<PathBuf>) -> Result<Self, SystemError> {
+        let mut store = Self::at(folder);
+        let status = files::status(&store.parent).map_err(SystemError::at("use", &store.parent))?;
+        if !status.is_dir() {
+            return Err(SystemError::at("use", &store.parent)(io::ErrorKind::NotADirectory.into()));
+        }
+        store.layout.folder_mode = status.mode() & 0o2777;
+        Ok(store)
+    }
+
+    /// Whether this process may make objects in it, as far as the rights tell.
+    pub fn is_writable(&self) -> bool {
+        let folder = if self.layout.root.is_dir() { &self.layout.root } else { &self.parent };
+        rustix::fs::access(folder, rustix::fs::Access::WRITE_OK).is_ok()
+    }
+
     /// The same store, its objects only looked at: that does not count as their use.
     #[must_use]
     pub fn for_inspection(mut self) -> Self {
@@ -89,14 +107,15 @@ impl FolderStore {
         &self.layout
     }
 
-    fn refuse_strangers(&self) -> Result<(), SystemError> {
+    /// An error if it is not its user's alone.
+    pub fn refuse_strangers(&self) -> Result<(), SystemError> {
         let shelves = Shelf::ALL.iter().map(|shelf| self.layout.root.join(shelf.folder_name()));
         let user = rustix::process::geteuid().as_raw();
         for folder in [self.parent.clone(), self.layout.root.clone()].into_iter().chain(shelves) {
             // What is not there, or cannot be looked at, is found out when it is used.
             let Ok(status) = files::status(&folder) else { continue };
             if let Some(what) = danger(&status, user) {
-                let advice = "if that is meant to be so, pass `--allow-shared-store`";
+                let advice = "if that is meant to be so, pass `--allow-shared-store` (of a remote store, `--store-trust` does too)";
                 return Err(SystemError::at("use", &folder)(io::Error::other(format!("{what}; {advice}"))));
             }
         }
@@ -160,10 +179,14 @@ impl Layout {
     pub fn path_of(&self, shelf: Shelf, name: &str) -> PathBuf {
         let folder = self.root.join(shelf.folder_name());
         match shelf {
-            Shelf::Notes => folder.join(name),
+            Shelf::Notes | Shelf::Runs => folder.join(name),
             // 256 folders keep each short enough for any file system.
             _ => folder.join(&name[..2]).join(name),
         }
+    }
+
+    fn claims_of_runs(&self) -> Claims {
+        Claims::in_folder(self.claims(), self.folder_mode)
     }
 
     fn file_mode(&self) -> u32 {
@@ -222,6 +245,10 @@ impl Objects for FolderStore {
         files::link_status(&self.layout.path_of(shelf, name)).is_ok()
     }
 
+    fn length(&self, shelf: Shelf, name: &str) -> Option<u64> {
+        files::link_status(&self.layout.path_of(shelf, name)).ok().map(|status| status.len())
+    }
+
     fn draft(&self) -> Result<Box<dyn Draft>, SystemError> {
         self.prepare()?;
         let path = self.layout.temporary().join(temporary_name());
@@ -235,6 +262,10 @@ impl Objects for FolderStore {
         });
         let file = file.map_err(SystemError::at("create", &path))?;
         Ok(Box::new(FileDraft { file, layout: self.layout.clone(), is_kept: false }))
+    }
+
+    fn remove(&self, shelf: Shelf, name: &str) -> io::Result<()> {
+        files::remove(&self.layout.path_of(shelf, name))
     }
 
     fn set_aside(&self, shelf: Shelf, name: &str) -> Option<PathBuf> {
@@ -262,18 +293,42 @@ impl Objects for FolderStore {
         folders.into_iter().try_for_each(sync)
     }
 
+    fn names(&self, shelf: Shelf, limit: usize) -> io::Result<Vec<String>> {
+        let mut names = Vec::new();
+        add_names(&self.layout.root.join(shelf.folder_name()), limit, &mut names)?;
+        Ok(names)
+    }
+
     fn has_any(&self, shelf: Shelf) -> bool {
         files::list(&self.layout.root.join(shelf.folder_name())).is_ok_and(|mut entries| entries.next().is_some())
     }
 
-    fn claims(&self) -> Claims {
-        Claims::in_folder(self.layout.claims(), self.layout.folder_mode)
+    fn claims(&self) -> Option<Claims> {
+        Some(self.layout.claims_of_runs())
     }
 
     fn tidy(&self) {
         remove_leftovers(&self.layout.temporary());
-        self.claims().remove_dead();
+        self.layout.claims_of_runs().remove_dead();
     }
+}
+
+/// Names of the files in a folder and in those in it; none if it is not there.
+fn add_names(folder: &Path, limit: usize, names: &mut Vec<String>) -> io::Result<()> {
+    let entries = match files::list(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        listed => listed?,
+    };
+    for entry in entries {
+        let entry = entry?;
+        match entry.file_name().into_string() {
+            _ if names.len() >= limit => return Ok(()),
+            _ if entry.file_type()?.is_dir() => add_names(&entry.path(), limit, names)?,
+            Ok(name) => names.push(name),
+            Err(_) => {}
+        }
+    }
+    Ok(())
 }
 
 /// Another process may have found an object damaged meanwhile and set it aside: then there is nothing to keep.
@@ -312,24 +367,42 @@ impl Write for FileDraft {
 impl Draft for FileDraft {
     fn keep(mut self: Box<Self>, shelf: Shelf, name: &str) -> Result<(), SystemError> {
         let target = self.layout.path_of(shelf, name);
-        let renamed = files::rename(self.file.path(), &target).or_else(|error| {
+        self.put(&target, files::rename).map_err(SystemError::at("write", target))?;
+        self.is_kept = true;
+        Ok(())
+    }
+
+    fn keep_new(self: Box<Self>, shelf: Shelf, name: &str) -> Result<bool, SystemError> {
+        // On a file server, a name that is taken by renaming is lost to those who are reading what stood there.
+        let target = self.layout.path_of(shelf, name);
+        match self.put(&target, files::second_name) {
+            // The temporary name goes with the draft.
+            Ok(()) => Ok(true),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+            // A file system without second names.
+            Err(_) => self.keep(shelf, name).map(|()| true),
+        }
+    }
+
+    fn path(&self) -> PathBuf {
+        self.file.path().to_owned()
+    }
+}
+
+impl FileDraft {
+    /// Gives it a name; the folder for it is made if need be.
+    fn put(&self, target: &Path, name_it: fn(&Path, &Path) -> io::Result<()>) -> io::Result<()> {
+        name_it(self.file.path(), target).or_else(|error| {
             match error.kind() {
                 io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => {
                     self.layout.make_folders(target.parent().expect("objects stand in folders"))?;
                 }
                 // A folder stands where the object belongs.
-                io::ErrorKind::IsADirectory => drop(self.layout.move_away(&target, "folder")?),
+                io::ErrorKind::IsADirectory => drop(self.layout.move_away(target, "folder")?),
                 _ => return Err(error),
             }
-            files::rename(self.file.path(), &target)
-        });
-        renamed.map_err(SystemError::at("write", target))?;
-        self.is_kept = true;
-        Ok(())
-    }
-
-    fn path(&self) -> PathBuf {
-        self.file.path().to_owned()
+            name_it(self.file.path(), target)
+        })
     }
 }
 

@@ -33,7 +33,7 @@ pub struct Entry {
 pub fn entries(layout: &Layout, shelf: Shelf) -> Result<Vec<Entry>, SystemError> {
     let folder = layout.root().join(shelf.folder_name());
     let found = match shelf {
-        Shelf::Notes => entries_of(&folder)?,
+        Shelf::Notes | Shelf::Runs => entries_of(&folder)?,
         _ => {
             let mut found = Vec::new();
             for part in entries_of(&folder)? {
@@ -121,6 +121,8 @@ pub struct Stats {
     pub publications: Tally,
     /// Caches that can be rebuilt.
     pub notes: Tally,
+    /// Runs that were sent here from other stores.
+    pub runs: Tally,
     /// Damaged objects that were set aside.
     pub damaged: Tally,
     /// What is being written, or was when its process ended.
@@ -142,12 +144,13 @@ pub fn stats(layout: &Layout, library: &Library) -> Result<Stats, SystemError> {
         results: shelf(Shelf::Results)?,
         publications: shelf(Shelf::Publications)?,
         notes: shelf(Shelf::Notes)?,
+        runs: shelf(Shelf::Runs)?,
         damaged: folder(&layout.damaged())?,
         unfinished: folder(&layout.temporary())?,
         claims: folder(&layout.claims())?,
         types: BTreeMap::new(),
     };
-    stats.bytes = [&stats.blobs, &stats.results, &stats.publications, &stats.notes, &stats.damaged, &stats.unfinished]
+    stats.bytes = [&stats.blobs, &stats.results, &stats.publications, &stats.notes, &stats.runs, &stats.damaged, &stats.unfinished]
         .iter()
         .map(|tally| tally.bytes)
         .sum();

@@ -5,6 +5,7 @@
 //! although a record names it, is noted for the reader of the run ([`Library::take_notices`]).
 
 use std::io::{self, BufWriter, Read, Write};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
 use rustix::io::Errno;
@@ -12,6 +13,7 @@ use rustix::io::Errno;
 use super::claims::Claims;
 use super::objects::{Draft, Objects, Shelf};
 use super::record::{Blob, Inline, Keyed, PublicationRecord, RECORD_VERSION, ResultRecord, seal, unseal};
+use super::signing::split;
 use crate::engine::artifact::{AnyArtifact, ArtifactKind};
 use crate::engine::digest::{Digest, HashingReader, HashingWriter, READ_SIZE};
 use crate::engine::lines::line;
@@ -21,10 +23,10 @@ use crate::engine::system::SystemError;
 pub const INLINE_LIMIT: u64 = 4096;
 
 /// No record is longer; a longer file is damage.
-const RECORD_LIMIT: u64 = 64 << 20;
+pub const RECORD_LIMIT: u64 = 64 << 20;
 
 /// No note is longer; a longer file is damage.
-const NOTE_LIMIT: u64 = 1 << 30;
+pub const NOTE_LIMIT: u64 = 1 << 30;
 
 /// Why the store cannot give what it should have.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -93,7 +95,7 @@ impl Library {
 
     /// Who is computing what.
     pub fn claims(&self) -> Claims {
-        self.objects.claims()
+        self.objects.claims().expect("the store of a run is a folder, or has one in front of it")
     }
 
     /// Makes the store, if there is none yet, so that claims can be made in it before the first result.
@@ -108,10 +110,27 @@ impl Library {
 
     /// What was found damaged or missing so far, for the reader; once.
     pub fn take_notices(&self) -> Vec<String> {
-        std::mem::take(&mut *self.notices.lock().expect(NO_PANIC))
+        let mut notices = std::mem::take(&mut *self.notices.lock().expect(NO_PANIC));
+        notices.extend(self.objects.take_notices());
+        notices
     }
 
-    fn notice(&self, text: String) {
+    /// Brings near what is going to be asked for, if there is a store to bring it from.
+    pub fn fetch(&self, shelf: Shelf, keys: impl IntoIterator<Item = Digest>) {
+        if !self.objects.has_far_objects() {
+            return;
+        }
+        let wanted: Vec<_> = keys.into_iter().map(|key| (shelf, key.to_string())).collect();
+        self.objects.fetch(&wanted);
+    }
+
+    /// See [`Objects::share`].
+    pub fn share(&self, records: &[(Shelf, String)], is_hurried: &AtomicBool) {
+        self.objects.share(records, is_hurried);
+    }
+
+    /// Notes something for the reader of the run.
+    pub fn notice(&self, text: String) {
         self.notices.lock().expect(NO_PANIC).push(text);
     }
 
@@ -162,6 +181,12 @@ impl Library {
     pub fn checked_note(&self, name: &str) -> Result<String, Lost> {
         let text = self.text(Shelf::Notes, name, NOTE_LIMIT).map_err(|error| self.lost(Shelf::Notes, name, &error))?;
         unseal(&text).map(str::to_owned).ok_or_else(|| self.damaged(Shelf::Notes, name, DISAGREES))
+    }
+
+    /// Whether a run that was sent here is as it was sent.
+    pub fn verify_run(&self, name: &str) -> Result<(), Lost> {
+        let text = self.text(Shelf::Runs, name, NOTE_LIMIT).map_err(|error| self.lost(Shelf::Runs, name, &error))?;
+        unseal(split(&text).0).map(drop).ok_or_else(|| self.damaged(Shelf::Runs, name, DISAGREES))
     }
 
     /// Hashes all of a blob, of whatever size it is.
@@ -351,8 +376,9 @@ fn copied(reader: impl Read, blob: &Blob, out: &mut dyn Write) -> io::Result<io:
     }
 }
 
+/// A record, whoever has signed it: who may write here is trusted.
 fn parse_record<T: Keyed>(text: &str) -> Option<T> {
-    serde_json::from_str(unseal(text)?).ok()
+    serde_json::from_str(unseal(split(text).0)?).ok()
 }
 
 /// Takes bytes into memory while they are few, and into a draft from then on.

@@ -76,6 +76,9 @@ fn named_blobs(layout: &Layout, library: &Library, shelf: Shelf, entry: &Entry) 
     if shelf == Shelf::Notes {
         return library.checked_note(&entry.name).map(|_| Vec::new());
     }
+    if shelf == Shelf::Runs {
+        return library.verify_run(&entry.name).map(|()| Vec::new());
+    }
     let digest: Option<Digest> = entry.name.parse().ok();
     let Some(digest) = digest.filter(|_| layout.path_of(shelf, &entry.name) == entry.path) else {
         return Err(stray(layout, entry));

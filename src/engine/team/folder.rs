@@ -130,7 +130,7 @@ impl Assignment {
 
     /// Where the run writes.
     pub fn places(&self) -> Places {
-        Places { outputs: self.outputs.clone(), store: self.store.clone(), may_share_store: self.may_share_store }
+        Places { outputs: self.outputs.clone(), store: self.store.clone(), may_share_store: self.may_share_store, remote: None }
     }
 
     /// The folder to which its paths are relative.
