@@ -94,7 +94,7 @@ fn k() -> f32 {
 
 impl Stage for Denoise {
     const KIND: &'static str = "denoise";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &[Image::TYPE] }];
     type Output = Image;
 
@@ -104,7 +104,7 @@ impl Stage for Denoise {
 
     /// Planes of target, guide, variance and features with their margins, beside the result.
     fn memory(&self, inputs: &InputSizes) -> u64 {
-        6 * inputs.values().sum::<u64>()
+        8 * inputs.values().sum::<u64>()
     }
 
     fn run(&self, job: &Job<'_>) -> Result<Image, StageError> {

@@ -4,7 +4,8 @@
 //! distances are measured in units of the noise that is known of each pixel. The order of work is theirs too: one
 //! offset at a time, so that the distances of patches are sums over windows of one plane, by [`windows`]. With
 //! features (albedo, normal) weights are the lesser of both, after Rousselle, Manzi and Zwicker, "Robust denoising
-//! using feature and color information" (2013), section 4.
+//! using feature and color information" (2013), section 4. A feature's distance is there the difference of two pixels; here
+//! it is that from a pixel's value and slope, or the normals of a ball in a small picture would let no two pixels be averaged.
 //!
 //! A picture is worked on in tiles, each with its own scratch; a pixel's sums run over the offsets in one order, so
 //! the result is the same for any number of threads.

@@ -26,8 +26,10 @@ pub struct Padded {
 pub struct Feature {
     /// Its values.
     pub values: Vec<f32>,
-    /// What the square of a difference from this pixel is multiplied with.
+    /// What the square of a difference from what is expected of this pixel's surroundings is multiplied with.
     pub scale: Vec<f32>,
+    /// Change from pixel to pixel, across and down, by which the surroundings are expected to go on.
+    pub slopes: [Vec<f32>; 2],
 }
 
 impl Padded {
@@ -89,14 +91,35 @@ impl Frame {
     /// A channel of a feature, with differences measured against its own gradient.
     fn feature(&self, raster: &Raster, channel: usize) -> Feature {
         let at = |x: usize, y: usize| raster.pixel(x, y)[channel];
-        let scale = |index: usize| {
-            let (x, y) = (index % self.width, index / self.width);
-            let across = at((x + 1).min(self.width - 1), y) - at(x.saturating_sub(1), y);
-            let down = at(x, (y + 1).min(self.height - 1)) - at(x, y.saturating_sub(1));
-            let gradient = 0.25 * (across * across + down * down);
-            1.0 / (FEATURE_K * FEATURE_K * gradient.max(FEATURE_FLOOR))
+        // The changes from the pixel before and to the pixel behind: at the edge of the image the other one twice.
+        let changes = |place: usize, length: usize, at: &dyn Fn(usize) -> f32| {
+            let (before, behind) = (place.checked_sub(1), (place + 1 < length).then_some(place + 1));
+            let [before, behind] = [before.map(|other| at(place) - at(other)), behind.map(|other| at(other) - at(place))];
+            [before.or(behind).unwrap_or(0.0), behind.or(before).unwrap_or(0.0)]
         };
-        Feature { values: self.plane(|index| raster.pixels()[index][channel]), scale: self.plane(scale) }
+        let changes = |index: usize| {
+            let (x, y) = (index % self.width, index / self.width);
+            [changes(x, self.width, &|x| at(x, y)), changes(y, self.height, &|y| at(x, y))]
+        };
+        let scale = |index: usize| {
+            let [across, down] = changes(index).map(|[before, behind]| 0.5 * (before + behind));
+            1.0 / (FEATURE_K * FEATURE_K * (across * across + down * down).max(FEATURE_FLOOR))
+        };
+        Feature {
+            values: self.plane(|index| raster.pixels()[index][channel]),
+            scale: self.plane(scale),
+            slopes: std::array::from_fn(|axis| self.plane(|index| lesser(changes(index)[axis]))),
+        }
+    }
+}
+
+/// Of two changes that agree in their direction the lesser, and else none: so a slope goes on, and an edge is none.
+///
+/// The limiter called minmod, after Roe, "Characteristic-based schemes for the Euler equations" (1986).
+fn lesser([one, other]: [f32; 2]) -> f32 {
+    match one * other {
+        product if product > 0.0 => one.abs().min(other.abs()).copysign(one),
+        _ => 0.0,
     }
 }
 
@@ -110,6 +133,11 @@ mod tests {
         let row = |border| frame(border).plane(|index| index as f32)[..11].to_vec();
         assert_eq!(row(Border::Clamp), [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0]);
         assert_eq!(row(Border::Wrap), [2.0, 0.0, 1.0, 2.0, 0.0, 1.0, 2.0, 0.0, 1.0, 2.0, 0.0]);
+    }
+
+    #[test]
+    fn a_slope_goes_on_and_an_edge_has_none() {
+        assert_eq!([[0.5, 0.25], [-1.0, -3.0], [0.0, 0.6], [0.5, -0.5]].map(lesser), [0.25, -1.0, 0.0, 0.0]);
     }
 
     #[test]

@@ -136,6 +136,17 @@ fn features_keep_an_edge_that_drowns_in_noise() {
 }
 
 #[test]
+fn a_feature_that_changes_evenly_holds_nothing_back() {
+    let truth = noisy(40, 30, 1, 0.0, |_, _| [1.0; 3]);
+    let image = noisy(40, 30, 7, 0.2, |_, _| [1.0; 3]);
+    let variance = Raster::filled(40, 30, [0.04; 3]);
+    let slope = noisy(40, 30, 1, 0.0, |x, y| [0.05 * x as f32, 0.03 * y as f32, 0.5]);
+    let alone = mean_square(&filtered(&image, guide(&image, &variance), settings()), &truth);
+    let joint = mean_square(&filtered(&image, Guide { features: &[&slope], ..guide(&image, &variance) }, settings()), &truth);
+    assert!(joint < 1.3 * alone, "{alone} {joint}");
+}
+
+#[test]
 fn uncovered_pixels_neither_change_nor_lend() {
     let image = noisy(30, 20, 8, 0.1, |x, _| if x < 15 { [1.0; 3] } else { [0.0; 3] });
     let coverage = Plane { width: 30, height: 20, values: (0..600).map(|i| if i % 30 < 15 { 1.0 } else { 0.0 }).collect() };

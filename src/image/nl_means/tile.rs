@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 use std::ops::Range;
 
 use super::Settings;
-use super::padded::Padded;
+use super::padded::{Feature, Padded};
 use super::windows::WindowSums;
 use crate::math::single;
 
@@ -50,7 +50,7 @@ impl Tile {
                 let offset = dy * image.width as isize + dx;
                 self.measure(image, offset);
                 self.sum_squares(self.settings.patch_radius as usize);
-                self.weigh(image, offset);
+                self.weigh(image, offset, [dx as f32, dy as f32]);
                 self.sum_squares(self.settings.patchwise_radius());
                 self.gather(image, offset);
             }
@@ -81,8 +81,8 @@ impl Tile {
         self.windows.slide(&mut self.values, length, stride);
     }
 
-    /// Sums of distances become weights.
-    fn weigh(&mut self, image: &Padded, offset: isize) {
+    /// Sums of distances become weights; the offset as a place in the planes and as pixels across and down.
+    fn weigh(&mut self, image: &Padded, offset: isize, [dx, dy]: [f32; 2]) {
         let around = self.settings.patchwise_radius();
         let side = (2 * self.settings.patch_radius + 1) as f32;
         let count = side * side;
@@ -91,10 +91,13 @@ impl Tile {
             let here = self.span(image, around, row);
             let there = moved(&here, offset);
             let values = &mut self.values[row * stride..row * stride + columns];
-            for feature in &image.features {
-                let (own, other) = (&feature.values[here.clone()], &feature.values[there.clone()]);
-                for (((sum, own), other), scale) in values.iter_mut().zip(own).zip(other).zip(&feature.scale[here.clone()]) {
-                    *sum = sum.max((own - other) * (own - other) * scale * count);
+            for Feature { values: feature, scale, slopes } in &image.features {
+                let own = feature[here.clone()].iter().zip(slopes[0][here.clone()].iter().zip(&slopes[1][here.clone()]));
+                let expected = own.map(|(own, (across, down))| own + (across * dx + down * dy));
+                for (((sum, expected), other), scale) in
+                    values.iter_mut().zip(expected).zip(&feature[there.clone()]).zip(&scale[here.clone()])
+                {
+                    *sum = sum.max((expected - other) * (expected - other) * scale * count);
                 }
             }
             values.iter_mut().for_each(|sum| *sum = single::exp(sum.max(0.0) * (-1.0 / count)));
