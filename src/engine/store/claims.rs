@@ -36,6 +36,8 @@ pub struct Claims {
     text: String,
     /// Claims of others whose process cannot be looked for: their time, and since when they have it.
     watched: HashMap<PathBuf, (SystemTime, Instant)>,
+    /// Owners that renewed nothing for [`PATIENCE`], and the latest time of what was given up for it.
+    silent: HashMap<String, SystemTime>,
 }
 
 /// Who holds a claim.
@@ -57,7 +59,7 @@ impl Claims {
         static COUNTER: AtomicU64 = AtomicU64::new(0);
         let run = COUNTER.fetch_add(1, Ordering::Relaxed);
         let text = format!("{}-{run}-{}", Owner::this_process(), host_name());
-        Self { folder, folder_mode, text, watched: HashMap::new() }
+        Self { folder, folder_mode, text, watched: HashMap::new(), silent: HashMap::new() }
     }
 
     /// Another run that is computing this; `None` if it may be begun, as far as one can see.
@@ -91,7 +93,15 @@ impl Claims {
             *watched = (modified, Instant::now());
         }
         // A process that was stopped lives, but does not work.
-        let is_dead = watched.1.elapsed() > PATIENCE || (owner.is_in_sight() && !owner.is_alive());
+        if watched.1.elapsed() > PATIENCE {
+            let last = self.silent.entry(owner.to_string()).or_insert(modified);
+            *last = modified.max(*last);
+            return Some(false);
+        }
+        // Whoever is silent in one thing renews nothing else, so that no two leases are waited for one after the other.
+        let is_silent =
+            !self.silent.is_empty() && self.silent.get(&owner.to_string()).is_some_and(|last| modified <= *last + 2 * HEARTBEAT);
+        let is_dead = is_silent || (owner.is_in_sight() && !owner.is_alive());
         Some(!is_dead)
     }
 
@@ -291,6 +301,28 @@ mod tests {
         age(&mut one);
         assert_eq!(one.holder(&key), None, "given up");
         assert!(one.take(&key).is_some(), "overtaken");
+    }
+
+    #[test]
+    fn whoever_gives_up_one_claim_has_given_up_all_of_that_time() {
+        let (folder, mut one, _) = two_runs();
+        std::fs::create_dir(folder.path().join("claims")).unwrap();
+        let [first, second, others] = ["first", "second", "others"].map(|name| Digest::of(name.as_bytes()));
+        let path = |key: &Digest| folder.path().join("claims").join(key.to_string());
+        let lost = "0badb007-17-5-0-elsewhere";
+        for (key, text) in [(&first, lost), (&second, lost), (&others, "0badb007-18-5-0-elsewhere")] {
+            symlink(text, path(key)).unwrap();
+        }
+        assert!(one.holder(&first).is_some());
+        one.watched.get_mut(&path(&first)).unwrap().1 = Instant::now().checked_sub(PATIENCE + Duration::from_secs(1)).unwrap();
+        assert_eq!(one.holder(&first), None);
+        assert_eq!(one.holder(&second), None, "never looked at before");
+        assert!(one.holder(&others).is_some(), "another process");
+        // It was only slow: what it claims later counts.
+        symlink(lost, path(&second)).unwrap();
+        let later = std::fs::symlink_metadata(path(&second)).unwrap().modified().unwrap() - 3 * HEARTBEAT;
+        one.silent.values_mut().for_each(|last| *last = later);
+        assert!(one.holder(&second).is_some());
     }
 
     #[test]
