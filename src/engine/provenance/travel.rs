@@ -4,7 +4,6 @@
 //! so that a run that is found there is whole. What is brought here is checked like all that comes from elsewhere.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -20,9 +19,8 @@ use crate::engine::publish::OutputFolder;
 use crate::engine::run::memory::RECORDS;
 use crate::engine::store::folder::FolderStore;
 use crate::engine::store::library::{CopyError, Library};
-use crate::engine::store::objects::{Objects, Shelf};
+use crate::engine::store::objects::{Objects, Shelf, drafted};
 use crate::engine::store::record::{PublicationRecord, seal, unseal};
-use crate::engine::store::signing::Keys;
 use crate::engine::store::tiers::Far;
 use crate::engine::store::transfer::{Carried, Fault, Way, read_record};
 use crate::engine::system::SystemError;
@@ -105,32 +103,30 @@ pub fn push_run(
 ) -> Result<Travelled, SystemError> {
     let files: BTreeSet<Digest> = manifest.published.iter().map(|entry| entry.sha256).collect();
     let is_of_the_run = |record: &PublicationRecord| files.contains(&record.content.digest);
-    let publications: Vec<Digest> = all_keys(near, Shelf::Publications)?
+    let publications: Vec<Digest> = keys_of(near, Shelf::Publications, HERE)?
         .into_iter()
         .filter(|key| library.glance_at_publication(key).is_some_and(|record| is_of_the_run(&record)))
         .collect();
-    let mut travelled = carry_all(&way_there(near, far, stop), &records_of(manifest, &publications), far.objects.at_once());
+    let mut travelled = carry_all(&far.way_there(near, stop), &records_of(manifest, &publications), far.objects.at_once());
     travelled.run_id = Some(manifest.run_id.clone());
     if travelled.is_whole() {
         let bundle = Bundle { manifest: manifest.clone(), publications };
         let text = far.keys.signed(Shelf::Runs, &seal(&lines::line(&bundle)));
-        let mut draft = far.objects.draft()?;
-        draft.write_all(text.as_bytes()).map_err(SystemError::at("write", draft.path()))?;
-        draft.keep(Shelf::Runs, &bundle_name(manifest))?;
+        drafted(&*far.objects, text.as_bytes())?.keep(Shelf::Runs, &bundle_name(manifest))?;
     }
     Ok(travelled)
 }
 
 /// Sends all results of a store.
 pub fn push_all(near: &FolderStore, far: &Far, stop: &AtomicBool) -> Result<Travelled, SystemError> {
-    let records = all_records(near, "the store")?;
-    Ok(carry_all(&way_there(near, far, stop), &records, far.objects.at_once()))
+    let records = all_records(near, HERE)?;
+    Ok(carry_all(&far.way_there(near, stop), &records, far.objects.at_once()))
 }
 
 /// Brings all results of a store elsewhere.
 pub fn pull_all(far: &Far, near: &FolderStore, stop: &AtomicBool) -> Result<Travelled, SystemError> {
     let records = all_records(&*far.objects, &far.name)?;
-    Ok(carry_all(&way_here(far, near, stop), &records, far.objects.at_once()))
+    Ok(carry_all(&far.way_here(near, stop), &records, far.objects.at_once()))
 }
 
 /// Brings a run: by its id, or the latest of a pipeline. Where no run of that pipeline stands, it is put in place.
@@ -138,7 +134,7 @@ pub fn pull_run(name: &str, far: &Far, near: &FolderStore, outputs: &std::path::
     let bundle = find_bundle(name, far)?;
     let manifest = &bundle.manifest;
     let records = records_of(manifest, &bundle.publications);
-    let mut travelled = carry_all(&way_here(far, near, stop), &records, far.objects.at_once());
+    let mut travelled = carry_all(&far.way_here(near, stop), &records, far.objects.at_once());
     travelled.run_id = Some(manifest.run_id.clone());
 
     let outputs = OutputFolder::at(outputs, &manifest.pipeline);
@@ -218,31 +214,24 @@ fn records_of(manifest: &Manifest, publications: &[Digest]) -> Vec<(Shelf, Strin
     results.chain(publications.iter().map(|key| (Shelf::Publications, key.to_string()))).collect()
 }
 
+/// The store of this machine, in messages.
+const HERE: &str = "the store";
+
 fn all_records(from: &dyn Objects, place: &str) -> Result<Vec<(Shelf, String)>, SystemError> {
     let mut records = Vec::new();
     for shelf in [Shelf::Results, Shelf::Publications] {
-        let names = from.names(shelf, usize::MAX).map_err(SystemError::at("read", place))?;
-        records.extend(names.into_iter().filter(|name| name.parse::<Digest>().is_ok()).map(|name| (shelf, name)));
+        records.extend(keys_of(from, shelf, place)?.iter().map(|key| (shelf, key.to_string())));
     }
-    records.sort_unstable_by(|a, b| a.1.cmp(&b.1));
+    records.sort_by(|a, b| a.1.cmp(&b.1));
     Ok(records)
 }
 
-fn all_keys(near: &FolderStore, shelf: Shelf) -> Result<Vec<Digest>, SystemError> {
-    let names = near.names(shelf, usize::MAX).map_err(SystemError::at("read", near.layout().root()))?;
+/// The keys of all records on a shelf, in their order.
+fn keys_of(from: &dyn Objects, shelf: Shelf, place: &str) -> Result<Vec<Digest>, SystemError> {
+    let names = from.names(shelf, usize::MAX).map_err(SystemError::at("read", place))?;
     let mut keys: Vec<Digest> = names.iter().filter_map(|name| name.parse().ok()).collect();
     keys.sort_unstable();
     Ok(keys)
-}
-
-static NO_KEYS: Keys = Keys { signing: None, trusted: None };
-
-fn way_there<'a>(near: &'a FolderStore, far: &'a Far, stop: &'a AtomicBool) -> Way<'a> {
-    Way { from: near, from_keys: &NO_KEYS, to: &*far.objects, to_keys: &far.keys, stop, is_suspect: &|_, _| false }
-}
-
-fn way_here<'a>(far: &'a Far, near: &'a FolderStore, stop: &'a AtomicBool) -> Way<'a> {
-    Way { from: &*far.objects, from_keys: &far.keys, to: near, to_keys: &NO_KEYS, stop, is_suspect: &|_, _| false }
 }
 
 fn carry_all(way: &Way<'_>, records: &[(Shelf, String)], at_once: usize) -> Travelled {

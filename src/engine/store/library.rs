@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use rustix::io::Errno;
 
 use super::claims::Claims;
-use super::objects::{Draft, Objects, Shelf};
+use super::objects::{Draft, Objects, Shelf, drafted};
 use super::record::{Blob, Inline, Keyed, PublicationRecord, RECORD_VERSION, ResultRecord, seal, unseal};
 use super::signing::split;
 use crate::engine::artifact::{AnyArtifact, ArtifactKind};
@@ -226,9 +226,7 @@ impl Library {
     }
 
     fn keep_text(&self, shelf: Shelf, name: &str, text: &str) -> Result<(), SystemError> {
-        let mut draft = self.objects.draft()?;
-        draft.write_all(text.as_bytes()).map_err(SystemError::at("write", draft.path()))?;
-        draft.keep(shelf, name)
+        drafted(&*self.objects, text.as_bytes())?.keep(shelf, name)
     }
 
     /// Makes blobs durable.
@@ -352,7 +350,7 @@ impl Library {
     }
 }
 
-const DISAGREES: &str = "its bytes do not agree with its digest";
+pub(super) const DISAGREES: &str = "its bytes do not agree with its digest";
 const NO_PANIC: &str = "no one panics while noting a loss";
 
 /// Whether an error comes from what stands in the store rather than from the system's state.

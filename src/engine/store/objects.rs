@@ -125,3 +125,10 @@ pub trait Draft: Write + Send {
     /// Where it is being written, for messages.
     fn path(&self) -> PathBuf;
 }
+
+/// A draft with all of these bytes, to be kept under a name.
+pub fn drafted(store: &dyn Objects, bytes: &[u8]) -> Result<Box<dyn Draft>, SystemError> {
+    let mut draft = store.draft()?;
+    draft.write_all(bytes).map_err(SystemError::at("write", draft.path()))?;
+    Ok(draft)
+}

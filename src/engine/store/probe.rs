@@ -3,12 +3,12 @@
 //! Results are right whatever comes out: bytes are hashed, and records name what they are of. What is missing costs work done twice, or
 //! waiting; only a store that does not give back what was written cannot be used at all. What is written for it is removed again.
 
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::objects::{Objects, Shelf};
+use super::objects::{Objects, Shelf, drafted};
 use crate::engine::digest::Digest;
 use crate::engine::system::{SystemError, temporary_name};
 
@@ -245,15 +245,11 @@ impl Trial<'_> {
 }
 
 fn put(store: &dyn Objects, name: &str, bytes: &[u8]) -> Result<(), SystemError> {
-    let mut draft = store.draft()?;
-    draft.write_all(bytes).map_err(SystemError::at("write", draft.path()))?;
-    draft.keep(Shelf::Notes, name)
+    drafted(store, bytes)?.keep(Shelf::Notes, name)
 }
 
 fn put_new(store: &dyn Objects, name: &str, bytes: &[u8]) -> Result<bool, SystemError> {
-    let mut draft = store.draft()?;
-    draft.write_all(bytes).map_err(SystemError::at("write", draft.path()))?;
-    draft.keep_new(Shelf::Notes, name)
+    drafted(store, bytes)?.keep_new(Shelf::Notes, name)
 }
 
 fn get(store: &dyn Objects, name: &str) -> io::Result<Vec<u8>> {

@@ -9,7 +9,7 @@
 //! missing, or is not sent. After [`PATIENCE`] such calls the far store is left alone. Of all of it the reader of the run is told once.
 
 use std::collections::{HashMap, HashSet};
-use std::io::{self, Cursor, Read, Write};
+use std::io::{self, Cursor, Read};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::channel;
@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 use super::claims::Claims;
 use super::folder::FolderStore;
-use super::objects::{Draft, Objects, Shelf};
+use super::objects::{Draft, Objects, Shelf, drafted};
 use super::signing::Keys;
 use super::transfer::{Carried, Fault, SoundRecord, Way, read_record};
 use crate::engine::system::SystemError;
@@ -53,6 +53,18 @@ pub struct Far {
     pub is_quick: bool,
     /// With what records are signed, and whose are taken.
     pub keys: Keys,
+}
+
+impl Far {
+    /// The way from there to a store of this machine.
+    pub fn way_here<'a>(&'a self, near: &'a FolderStore, stop: &'a AtomicBool) -> Way<'a> {
+        Way { from: &*self.objects, from_keys: &self.keys, to: near, to_keys: &Keys::NONE, stop, is_suspect: &|_, _| false }
+    }
+
+    /// The way from a store of this machine to there.
+    pub fn way_there<'a>(&'a self, near: &'a FolderStore, stop: &'a AtomicBool) -> Way<'a> {
+        Way { from: near, from_keys: &Keys::NONE, to: &*self.objects, to_keys: &self.keys, stop, is_suspect: &|_, _| false }
+    }
 }
 
 /// A near store and a far one, as one.
@@ -266,8 +278,7 @@ impl Inner {
     }
 
     fn way_here<'a>(&'a self, stop: &'a AtomicBool) -> Way<'a> {
-        let Far { objects, keys, .. } = &self.far;
-        Way { from: &**objects, from_keys: keys, to: &self.near, to_keys: &NO_KEYS, stop, is_suspect: &|_, _| false }
+        self.far.way_here(&self.near, stop)
     }
 
     fn open_from_afar(&self, shelf: Shelf, name: &str) -> Option<Box<dyn Read + Send>> {
@@ -333,7 +344,7 @@ impl Inner {
     fn borrow(&self, shelf: Shelf, name: &str, record: SoundRecord) {
         let missing: Vec<String> =
             record.separate_blobs().map(|blob| blob.digest.to_string()).filter(|blob| !self.near.has(Shelf::Blobs, blob)).collect();
-        if missing.is_empty() && self.keep_near(shelf, name, &record.sealed).is_ok() {
+        if missing.is_empty() && drafted(&self.near, record.sealed.as_bytes()).and_then(|draft| draft.keep(shelf, name)).is_ok() {
             return;
         }
         let mut borrowed = self.borrowed.lock().expect(NO_PANIC);
@@ -354,20 +365,13 @@ impl Inner {
         }
     }
 
-    fn keep_near(&self, shelf: Shelf, name: &str, text: &str) -> Result<(), SystemError> {
-        let mut draft = self.near.draft()?;
-        draft.write_all(text.as_bytes()).map_err(SystemError::at("write", draft.path()))?;
-        draft.keep(shelf, name)
-    }
-
     /// Sends a record that is here with its blobs.
     fn send(&self, shelf: Shelf, name: &str, stop: &AtomicBool) {
         if !self.may_write.load(Ordering::Relaxed) {
             return;
         }
         let is_suspect = |shelf: Shelf, name: &str| self.account.lock().expect(NO_PANIC).damaged.contains(&(shelf, name.to_owned()));
-        let Far { objects, keys, .. } = &self.far;
-        let way = Way { from: &self.near, from_keys: &NO_KEYS, to: &**objects, to_keys: keys, stop, is_suspect: &is_suspect };
+        let way = Way { is_suspect: &is_suspect, ..self.far.way_there(&self.near, stop) };
         let carried = self.attempt((shelf, name), || match way.carry(shelf, name) {
             // What is wrong here is found out here.
             Err(Fault::Source(_) | Fault::Missing | Fault::Damaged(_) | Fault::Untrusted) => Ok(None),
@@ -385,8 +389,6 @@ impl Inner {
         }
     }
 }
-
-static NO_KEYS: Keys = Keys { signing: None, trusted: None };
 
 fn is_worth_repeating(fault: &Fault) -> bool {
     match fault {

@@ -7,8 +7,8 @@ use std::fmt;
 use std::io::{self, Read, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::library::{NOTE_LIMIT, RECORD_LIMIT};
-use super::objects::{Objects, Shelf};
+use super::library::{DISAGREES, NOTE_LIMIT, RECORD_LIMIT};
+use super::objects::{Objects, Shelf, drafted};
 use super::record::{Blob, Keyed, PublicationRecord, RECORD_VERSION, ResultRecord, unseal};
 use super::signing::Keys;
 use crate::engine::digest::{Digest, HashingReader, READ_SIZE};
@@ -105,8 +105,6 @@ fn parsed<T: Keyed>(body: &str, name: &str) -> Result<T, Fault> {
     }
 }
 
-const DISAGREES: &str = "its bytes do not agree with its digest";
-
 fn of_the_source(error: io::Error) -> Fault {
     use io::ErrorKind::{InvalidData, IsADirectory, NotFound, UnexpectedEof};
     match error.kind() {
@@ -154,11 +152,7 @@ impl Way<'_> {
         if let Some(carried) = self.compared(shelf, name, record) {
             return Ok(carried);
         }
-        let write = || {
-            let mut draft = self.to.draft()?;
-            draft.write_all(text.as_bytes()).map_err(SystemError::at("write", draft.path()))?;
-            Ok(draft)
-        };
+        let write = || drafted(self.to, text.as_bytes());
         if write().and_then(|draft| draft.keep_new(shelf, name)).map_err(Fault::Target)? {
             return Ok(Carried::New);
         }
