@@ -339,6 +339,16 @@ pub struct WorkerCommand {
     pub talk: TalkArguments,
 }
 
+/// A run with workers.
+#[derive(Debug, Args)]
+pub struct TeamRunArguments {
+    /// The run: its id, its folder, or the name of a pipeline (its last run with workers)
+    pub run: String,
+    /// Where the run writes.
+    #[arg(long, value_name = "DIR", env = "PIPELINE_OUTPUTS", default_value = "outputs")]
+    pub outputs: PathBuf,
+}
+
 /// Arguments of `status`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -346,11 +356,9 @@ Examples:
   pipeline status light                           the run of this pipeline that was begun last
   pipeline status 0f3a5b7c9d1e --format json | jq .jobs")]
 pub struct StatusCommand {
-    /// The run: its id, its folder, or the name of a pipeline (its last run with workers)
-    pub run: String,
-    /// Where the run writes.
-    #[arg(long, value_name = "DIR", env = "PIPELINE_OUTPUTS", default_value = "outputs")]
-    pub outputs: PathBuf,
+    /// Which run.
+    #[command(flatten)]
+    pub named: TeamRunArguments,
     /// Form of the answer
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
@@ -362,11 +370,9 @@ pub struct StatusCommand {
 Examples:
   pipeline cancel light      what is done stays in the store; `pipeline run` goes on from there")]
 pub struct CancelCommand {
-    /// The run: its id, its folder, or the name of a pipeline (its last run with workers)
-    pub run: String,
-    /// Where the run writes.
-    #[arg(long, value_name = "DIR", env = "PIPELINE_OUTPUTS", default_value = "outputs")]
-    pub outputs: PathBuf,
+    /// Which run.
+    #[command(flatten)]
+    pub named: TeamRunArguments,
 }
 
 /// Arguments of `run`.

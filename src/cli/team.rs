@@ -17,6 +17,7 @@ use crate::engine::owner::host_name;
 use crate::engine::request::Request;
 use crate::engine::run::{self, Service};
 use crate::engine::schedule::panics;
+use crate::engine::shell;
 use crate::engine::store::address::Address;
 use crate::engine::sweep::build;
 use crate::engine::system::temporary_name;
@@ -82,7 +83,7 @@ impl Team {
 
     fn told(&self, folder: &RunFolder) -> String {
         match self.row.name {
-            "manual" => format!("start workers with\n  pipeline worker --run {}", escape(&folder.path().display().to_string())),
+            "manual" => format!("start workers with\n  pipeline worker --run {}", shell::word(&folder.path().display().to_string())),
             _ => format!("logs in {}", escape(&folder.workers().display().to_string())),
         }
     }
@@ -186,7 +187,7 @@ fn conclude(service: &Service, talk: TalkArguments, interrupt: &Interrupt, scree
 
 /// Shows how far a run is.
 pub fn status(command: &StatusCommand, screen: &Screen) -> Ending {
-    match RunFolder::find(&command.run, &command.outputs).and_then(|folder| status::status(&folder)) {
+    match RunFolder::find(&command.named.run, &command.named.outputs).and_then(|folder| status::status(&folder)) {
         Ok(status) => match command.format {
             Format::Json => screen.print(&json_text(&status)),
             Format::Text => screen.print(&escaped_lines(&status_text(&status))),
@@ -228,7 +229,7 @@ fn worker_text(worker: &Worker) -> String {
 
 /// Ends a run and its workers.
 pub fn cancel(command: &CancelCommand, screen: &Screen) -> Ending {
-    let folder = match RunFolder::find(&command.run, &command.outputs) {
+    let folder = match RunFolder::find(&command.named.run, &command.named.outputs) {
         Ok(folder) => folder,
         Err(error) => {
             screen.error(&error.to_string(), None);

@@ -35,6 +35,7 @@ pub mod run;
 pub mod save;
 pub mod schedule;
 pub mod schema;
+pub mod shell;
 pub mod signature;
 pub mod source;
 pub mod stage;

@@ -3,70 +3,22 @@
 use serde_json::Value as Json;
 
 use crate::engine::manifest::{JobEntry, Manifest, place_text, plain_text};
+use crate::engine::shell::word;
 
 /// `pipeline run FILE …` with all that the command line of the run changed; to be given in the folder of the file.
 pub fn run_command(manifest: &Manifest) -> String {
     let mut words = vec!["pipeline run".to_owned()];
-    words.extend(manifest.spec.first().map(|spec| quoted(&spec.path)));
+    words.extend(manifest.spec.first().map(|spec| word(&spec.path)));
     for (group, flag) in [("params", "-s"), ("axes", "-a")] {
         let fields = manifest.overrides.get(group).and_then(Json::as_object).into_iter().flatten();
-        words.extend(fields.map(|(name, value)| format!("{flag} {}", quoted(&format!("{name}={}", plain_text(value))))));
+        words.extend(fields.map(|(name, value)| format!("{flag} {}", word(&format!("{name}={}", plain_text(value))))));
     }
     let seed = manifest.overrides.get("seed").map(plain_text);
-    words.extend(seed.map(|seed| format!("--seed {}", quoted(&seed))));
+    words.extend(seed.map(|seed| format!("--seed {}", word(&seed))));
     words.join(" ")
 }
 
 /// What makes only that job, behind [`run_command`].
 pub fn only(job: &JobEntry) -> String {
-    format!("--only {}", quoted(&place_text(&job.stage, &job.coordinate)))
-}
-
-/// A word of a POSIX shell; what cannot be seen is written as the escapes of `$'…'`, so that what is read is what is run.
-pub fn quoted(text: &str) -> String {
-    let is_plain = |character: char| character.is_ascii_alphanumeric() || "@%+=:,./_-".contains(character);
-    let is_seen = |character: char| (' '..='~').contains(&character) || character.is_alphanumeric();
-    match () {
-        () if !text.is_empty() && text.chars().all(is_plain) => text.to_owned(),
-        () if text.chars().all(is_seen) => format!("'{}'", text.replace('\'', r"'\''")),
-        () => format!("$'{}'", text.chars().map(escaped).collect::<String>()),
-    }
-}
-
-fn escaped(character: char) -> String {
-    match character {
-        '\'' | '\\' => format!("\\{character}"),
-        ' '..='~' => character.to_string(),
-        _ if character.is_alphanumeric() => character.to_string(),
-        _ if u32::from(character) < 0x1_0000 => format!("\\u{:04x}", u32::from(character)),
-        _ => format!("\\U{:08x}", u32::from(character)),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn words_are_quoted_only_where_a_shell_would_read_them_otherwise() {
-        for (text, expected) in [
-            ("n=64", "n=64"),
-            ("sphere[n=64]", "'sphere[n=64]'"),
-            ("it's", r"'it'\''s'"),
-            ("", "''"),
-            ("$(rm -rf ~)", "'$(rm -rf ~)'"),
-            ("a\u{202e}b'\n", r"$'a\u202eb\'\u000a'"),
-        ] {
-            assert_eq!(quoted(text), expected);
-        }
-    }
-
-    #[test]
-    fn a_shell_reads_back_what_was_quoted() {
-        for text in ["sphere[n=64]", "it's $HOME `x`", "a\u{202e}b'\\\n", "Größe \u{1f600}!"] {
-            let command = format!("printf %s {}", quoted(text));
-            let Ok(output) = std::process::Command::new("bash").args(["-c", &command]).env("LC_ALL", "C.UTF-8").output() else { return };
-            assert_eq!(String::from_utf8(output.stdout).unwrap(), text);
-        }
-    }
+    format!("--only {}", word(&place_text(&job.stage, &job.coordinate)))
 }

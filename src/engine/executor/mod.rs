@@ -81,8 +81,6 @@ pub struct Present {
     pub name: String,
     /// Its class; none for one that takes any job.
     pub class: Option<usize>,
-    /// Whether it has been given a machine.
-    pub is_running: bool,
 }
 
 /// Why workers cannot be started or ended.

@@ -10,6 +10,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use super::{Class, Executor, ExecutorError, Present, Row, Terms, worker_arguments};
+use crate::engine::shell;
 
 /// See [`super::EXECUTORS`].
 pub const ROW: Row = Row {
@@ -38,7 +39,7 @@ impl Slurm {
         if let Some(memory) = self.memory(class) {
             words.extend(["--memory".to_owned(), (memory / 100 * MEMORY_SHARE).to_string()]);
         }
-        let command: Vec<String> = words.iter().map(|word| shell_word(word)).collect();
+        let command: Vec<String> = words.iter().map(|word| shell::word(word)).collect();
         let setup: String = profile.setup.iter().map(|line| format!("{line}\n")).collect();
         // The worker takes the place of the shell, so that it hears the signals of the scheduler.
         format!(
@@ -83,12 +84,15 @@ impl Slurm {
         options
     }
 
+    /// The options that mean all jobs of this run.
+    fn own_jobs(&self) -> [String; 2] {
+        [format!("--user={}", rustix::process::geteuid().as_raw()), format!("--name={}", self.terms.folder.job_name())]
+    }
+
     /// What the queue says: the id of each job of this run with its class, state and reason.
     fn queue(&self) -> Option<Vec<Queued>> {
-        let user = rustix::process::geteuid().as_raw();
-        let name = format!("--name={}", self.terms.folder.job_name());
-        let format = "--format=%F|%K|%k|%T|%r";
-        let output = Command::new("squeue").args(["--noheader", "--array", &format!("--user={user}"), &name, format]).output().ok()?;
+        let output =
+            Command::new("squeue").args(["--noheader", "--array", "--format=%F|%K|%k|%T|%r"]).args(self.own_jobs()).output().ok()?;
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).lines().filter_map(Queued::parse).collect())
     }
 
@@ -145,15 +149,8 @@ impl Queued {
     }
 
     fn present(&self) -> Present {
-        let is_running = self.state == "RUNNING";
-        Present { name: format!("slurm-{}_{}", self.job, self.task), class: self.class, is_running }
+        Present { name: format!("slurm-{}_{}", self.job, self.task), class: self.class }
     }
-}
-
-/// A word that the shell takes as it is.
-fn shell_word(word: &str) -> String {
-    let is_plain = !word.is_empty() && word.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"/._-=:,+@%".contains(&byte));
-    if is_plain { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
 }
 
 impl Executor for Slurm {
@@ -173,15 +170,13 @@ impl Executor for Slurm {
     }
 
     fn cancel(&mut self) -> Result<(), ExecutorError> {
-        let user = rustix::process::geteuid().as_raw();
-        Self::run("scancel", &[format!("--user={user}"), format!("--name={}", self.terms.folder.job_name())], "").map(drop)
+        Self::run("scancel", &self.own_jobs(), "").map(drop)
     }
 
     /// Those that run find the order to end; those that wait for a machine would start for nothing.
     fn dismiss(&mut self) {
-        let user = rustix::process::geteuid().as_raw();
-        let arguments = [format!("--user={user}"), format!("--name={}", self.terms.folder.job_name()), "--state=PENDING".to_owned()];
-        let _ = Self::run("scancel", &arguments, "");
+        let [user, name] = self.own_jobs();
+        let _ = Self::run("scancel", &[user, name, "--state=PENDING".to_owned()], "");
     }
 
     fn interval(&self) -> Duration {
@@ -200,7 +195,7 @@ mod tests {
     #[test]
     fn a_line_of_the_queue_is_a_worker_unless_it_has_no_future() {
         let queued = Queued::parse("17|3|class-1|RUNNING|None").unwrap();
-        assert_eq!(queued.present(), Present { name: "slurm-17_3".into(), class: Some(1), is_running: true });
+        assert_eq!(queued.present(), Present { name: "slurm-17_3".into(), class: Some(1) });
         assert!(queued.is_there());
         for (line, is_there) in [
             ("17|3|class-1|PENDING|Resources", true),
@@ -216,7 +211,7 @@ mod tests {
 
     #[test]
     fn a_path_with_spaces_stays_one_word_of_the_script() {
-        assert_eq!(shell_word("/a/b-c_1.yaml"), "/a/b-c_1.yaml");
-        assert_eq!(shell_word("/my folder/it's"), "'/my folder/it'\\''s'");
+        assert_eq!(shell::word("/a/b-c_1.yaml"), "/a/b-c_1.yaml");
+        assert_eq!(shell::word("/my folder/it's"), "'/my folder/it'\\''s'");
     }
 }
