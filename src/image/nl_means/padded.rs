@@ -90,26 +90,23 @@ impl Frame {
 
     /// A channel of a feature, with differences measured against its own gradient.
     fn feature(&self, raster: &Raster, channel: usize) -> Feature {
-        let at = |x: usize, y: usize| raster.pixel(x, y)[channel];
-        // The changes from the pixel before and to the pixel behind: at the edge of the image the other one twice.
-        let changes = |place: usize, length: usize, at: &dyn Fn(usize) -> f32| {
-            let (before, behind) = (place.checked_sub(1), (place + 1 < length).then_some(place + 1));
-            let [before, behind] = [before.map(|other| at(place) - at(other)), behind.map(|other| at(other) - at(place))];
-            [before.or(behind).unwrap_or(0.0), behind.or(before).unwrap_or(0.0)]
-        };
-        let changes = |index: usize| {
-            let (x, y) = (index % self.width, index / self.width);
-            [changes(x, self.width, &|x| at(x, y)), changes(y, self.height, &|y| at(x, y))]
-        };
+        let value = |index: usize| raster.pixels()[index][channel];
+        let across = |index: usize| Self::changes(index, index % self.width, self.width, 1, value);
+        let down = |index: usize| Self::changes(index, index / self.width, self.height, self.width, value);
         let scale = |index: usize| {
-            let [across, down] = changes(index).map(|[before, behind]| 0.5 * (before + behind));
+            let [across, down] = [across(index), down(index)].map(|[before, behind]| 0.5 * (before + behind));
             1.0 / (FEATURE_K * FEATURE_K * (across * across + down * down).max(FEATURE_FLOOR))
         };
-        Feature {
-            values: self.plane(|index| raster.pixels()[index][channel]),
-            scale: self.plane(scale),
-            slopes: std::array::from_fn(|axis| self.plane(|index| lesser(changes(index)[axis]))),
-        }
+        let slopes = [self.plane(|index| lesser(across(index))), self.plane(|index| lesser(down(index)))];
+        Feature { values: self.plane(value), scale: self.plane(scale), slopes }
+    }
+
+    /// The changes from the neighbor before and to the one behind, `step` indices away, of the pixel at that place of so many: at
+    /// the edge of the image the other change twice.
+    fn changes(index: usize, place: usize, length: usize, step: usize, value: impl Fn(usize) -> f32) -> [f32; 2] {
+        let before = (place > 0).then(|| value(index) - value(index - step));
+        let behind = (place + 1 < length).then(|| value(index + step) - value(index));
+        [before.or(behind).unwrap_or(0.0), behind.or(before).unwrap_or(0.0)]
     }
 }
 
