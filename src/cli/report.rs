@@ -20,7 +20,7 @@ use crate::stages::registry;
 /// Makes the page of a run.
 pub fn report(command: &ReportCommand, screen: &Screen) -> Ending {
     let interrupt = Interrupt::listen();
-    interrupt.is_running.store(true, Ordering::Relaxed);
+    interrupt.begun();
     let run = match runs::find(&command.run, &command.places.local.outputs) {
         Ok(run) => run,
         Err(error) => return no_run(&error, screen),

@@ -270,7 +270,7 @@ impl Listeners {
 impl Listener for Listeners {
     fn notify(&mut self, event: &Event) {
         if matches!(event, Event::Planned { .. }) {
-            self.interrupt.is_running.store(true, std::sync::atomic::Ordering::Relaxed);
+            self.interrupt.begun();
         }
         self.progress.notify(event);
         if let Some(viewer) = &mut self.viewer {

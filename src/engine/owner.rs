@@ -9,7 +9,7 @@ use std::os::unix::fs::MetadataExt;
 use std::sync::OnceLock;
 
 /// A process, named so that neither a reused process id nor another boot or container is taken for it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Owner {
     /// Where its id counts: see [`id_space`].
     space: String,

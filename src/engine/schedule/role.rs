@@ -162,7 +162,7 @@ impl Scheduler<'_> {
     /// The machine that computed a job, if a worker of this run did.
     pub(super) fn host_of(&self, record: &ResultRecord) -> Option<String> {
         let Role::Driver(overseer) = &self.role else { return None };
-        overseer.author(&record.key).map(|author| author.host.clone())
+        overseer.author(&record.key).map(str::to_owned)
     }
 
     /// At the end: what was taken for another run's work may turn out to be a worker's.
@@ -172,7 +172,7 @@ impl Scheduler<'_> {
         for state in self.jobs.iter_mut().flatten() {
             let author = state.entry.key.as_ref().and_then(|key| overseer.author(key));
             if let (Some(author), Some(measured)) = (author, &mut state.entry.measured) {
-                measured.host = Some(author.host.clone());
+                measured.host = Some(author.to_owned());
                 if state.entry.outcome == Outcome::Hit && !state.is_hit() {
                     state.entry.outcome = Outcome::Ran;
                 }

@@ -37,7 +37,7 @@ pub struct Claims {
     /// Claims of others whose process cannot be looked for: their time, and since when they have it.
     watched: HashMap<PathBuf, (SystemTime, Instant)>,
     /// Owners that renewed nothing for [`PATIENCE`], and the latest time of what was given up for it.
-    silent: HashMap<String, SystemTime>,
+    silent: HashMap<Owner, SystemTime>,
 }
 
 /// Who holds a claim.
@@ -94,13 +94,12 @@ impl Claims {
         }
         // A process that was stopped lives, but does not work.
         if watched.1.elapsed() > PATIENCE {
-            let last = self.silent.entry(owner.to_string()).or_insert(modified);
+            let last = self.silent.entry(owner.clone()).or_insert(modified);
             *last = modified.max(*last);
             return Some(false);
         }
         // Whoever is silent in one thing renews nothing else, so that no two leases are waited for one after the other.
-        let is_silent =
-            !self.silent.is_empty() && self.silent.get(&owner.to_string()).is_some_and(|last| modified <= *last + 2 * HEARTBEAT);
+        let is_silent = self.silent.get(owner).is_some_and(|last| modified <= *last + 2 * HEARTBEAT);
         let is_dead = is_silent || (owner.is_in_sight() && !owner.is_alive());
         Some(!is_dead)
     }

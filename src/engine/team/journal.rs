@@ -19,6 +19,9 @@ use crate::engine::system::SystemError;
 /// How often a worker says that it is there.
 pub const HEARTBEAT: Duration = Duration::from_secs(10);
 
+/// A worker that has said nothing for so long is taken for lost where its process cannot be looked for.
+pub const SILENCE: Duration = Duration::from_secs(60);
+
 /// A line of a journal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "kebab-case")]

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::crew::{Crew, Farewell, driver_key};
 use super::folder::{Assignment, Ending, FailureNote, RunFolder};
-use super::journal::{Journals, Said};
+use super::journal::{Journals, SILENCE, Said};
 use crate::engine::digest::{Digest, DigestMap};
 use crate::engine::executor::{Executor, ExecutorError};
 use crate::engine::request::Request;
@@ -39,18 +39,6 @@ const SWEEP: Duration = Duration::from_secs(1);
 /// A look may take this part of the time: the more there is to look at, the more seldom it is done.
 const SHARE: u32 = 10;
 
-/// A worker that has said nothing for so long does not count: it says something every ten seconds.
-const SILENCE: Duration = Duration::from_secs(60);
-
-/// Who computed a job.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Author {
-    /// The machine.
-    pub host: String,
-    /// The worker's name.
-    pub worker: String,
-}
-
 /// What has happened since the last look.
 #[derive(Debug, Default)]
 pub struct News {
@@ -73,7 +61,8 @@ pub struct Overseer {
     journals: Journals,
     hosts: BTreeMap<String, String>,
     heard: BTreeMap<String, Instant>,
-    authors: DigestMap<Author>,
+    /// The machines that computed jobs, by key.
+    authors: DigestMap<String>,
     /// Jobs that workers are to compute, by key.
     awaited: DigestMap<usize>,
     /// Their number by class.
@@ -150,9 +139,9 @@ impl Overseer {
         !self.awaited.is_empty()
     }
 
-    /// Who computed a job, if a worker of this run did.
-    pub fn author(&self, key: &Digest) -> Option<&Author> {
-        self.authors.get(key)
+    /// The machine that computed a job, if a worker of this run did.
+    pub fn author(&self, key: &Digest) -> Option<&str> {
+        self.authors.get(key).map(String::as_str)
     }
 
     /// Why there will be no workers, if so.
@@ -216,7 +205,7 @@ impl Overseer {
                 }
                 Said::Computed { key, .. } => {
                     let host = self.hosts.get(&worker).cloned().unwrap_or_default();
-                    self.authors.insert(key, Author { host, worker });
+                    self.authors.insert(key, host);
                     if self.awaited.contains_key(&key) {
                         self.announced.insert(key);
                     }

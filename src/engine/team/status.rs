@@ -6,12 +6,9 @@ use std::fs;
 use serde::Serialize;
 
 use super::folder::{Ending, FolderError, RunFolder};
-use super::journal::{Journals, Said};
+use super::journal::{Journals, SILENCE, Said};
 use crate::engine::digest::Digest;
 use crate::engine::owner::Owner;
-
-/// A worker that has said nothing for so many seconds is taken for lost where its process cannot be looked for.
-const SILENCE: f64 = 60.0;
 
 /// How far a run is.
 #[derive(Debug, PartialEq, Serialize)]
@@ -120,7 +117,7 @@ impl Told {
         match (&self.ended, owner) {
             (Some(_), _) => State::Ended,
             (None, Some(owner)) if owner.is_alive() => State::Working,
-            (None, None) if heard < SILENCE => State::Working,
+            (None, None) if heard < SILENCE.as_secs_f64() => State::Working,
             _ => State::Lost,
         }
     }
