@@ -89,14 +89,14 @@ impl Progress {
                 self.show(format!("{files} files of an earlier run are put back"), String::new(), progress);
             }
             Event::Started { job, reason, progress } => self.show(job.clone(), reason.clone(), progress),
-            Event::Finished { job, outcome, reason, seconds, done, total, .. } => {
+            Event::Finished { job, outcome, reason, seconds, done, total, is_part, .. } => {
                 let mut board = self.board.lock().expect(NO_PANIC);
                 board.done = *done;
                 board.ran += usize::from(*outcome == Outcome::Ran);
                 board.reused += usize::from(*outcome == Outcome::Hit);
                 board.running.retain(|running| running.name != *job);
                 drop(board);
-                if self.screen.is_terminal {
+                if self.screen.is_terminal && !is_part {
                     self.outcomes.add(job.split('[').next().unwrap_or(job), *outcome, reason);
                 }
                 self.line(job, *outcome, reason, *seconds, (*done, *total));

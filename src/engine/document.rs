@@ -3,6 +3,7 @@
 //! What the parameters of a stage mean is not looked at here; see `sweep`.
 
 use std::collections::HashMap;
+use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 
 use super::diagnostic::quoted;
@@ -48,12 +49,16 @@ pub struct StageEntry<'r> {
     pub about: Option<String>,
     /// What `resources:` asks for.
     pub resources: Resources,
+    /// The number of `split:`.
+    pub split: Option<NonZeroU32>,
 }
 
 const TOP_KEYS: [&str; 7] = ["version", "pipeline", "seed", "params", "axes", "stages", "include"];
 /// Keys of an included file.
 const INCLUDED_KEYS: [&str; 5] = ["version", "params", "axes", "stages", "include"];
-const STAGE_KEYS: [&str; 4] = ["save", "exclude", "about", "resources"];
+const STAGE_KEYS: [&str; 5] = ["save", "exclude", "about", "resources", "split"];
+/// Most parts of a job.
+pub const PART_LIMIT: u32 = 1024;
 /// Deepest chain of includes.
 const INCLUDE_LIMIT: usize = 128;
 
@@ -276,6 +281,7 @@ impl<'r> Reader<'_, 'r> {
             exclude: None,
             about: None,
             resources: Resources::default(),
+            split: None,
         };
         let Value::Map(entries) = &entry.node.value else {
             let message = format!("a stage is a map with one kind, found {}", entry.node.described());
@@ -289,14 +295,42 @@ impl<'r> Reader<'_, 'r> {
                 "save" => stage.save = Some(part.node.clone()),
                 "exclude" => stage.exclude = Some(part.node.clone()),
                 "resources" => stage.resources = resources::read(&part.node, &name, self.findings),
-                _ => stage.about = self.about(&part.node, &name),
+                "about" => stage.about = self.about(&part.node, &name),
+                // Which kinds can be split is known once the kind is.
+                _ => {}
             }
         }
         if let Some(part) = self.kind_entry(entries, entry) {
             stage.kind = self.registry.kinds().find(&part.key);
             stage.parameters = self.parameters(part, &name);
         }
+        if let Some(part) = entries.iter().find(|part| &*part.key == "split") {
+            stage.split = self.split(part, &stage);
+        }
         stage
+    }
+
+    /// In how many parts the jobs of a stage are to be computed.
+    fn split(&mut self, part: &Entry, stage: &StageEntry<'r>) -> Option<NonZeroU32> {
+        let count = match &part.node.value {
+            Value::Integer(count) => u32::try_from(*count).ok().filter(|count| (2..=PART_LIMIT).contains(count)).and_then(NonZeroU32::new),
+            _ => None,
+        };
+        let finding = match (count, stage.kind.filter(|kind| !kind.splits)) {
+            (Some(_), None) => return count,
+            (None, _) => {
+                let message = format!("`split` must be a number of parts from 2 to {PART_LIMIT}, found {}", part.node.described());
+                Finding::error(part.node.place, message)
+            }
+            (Some(_), Some(kind)) => {
+                let able = self.registry.kinds().iter().filter(|(_, kind)| kind.splits).map(|(name, _)| format!("`{name}`"));
+                let able: Vec<String> = able.collect();
+                let hint = format!("remove it; it is for stages of the kind {}", super::diagnostic::listed(&able, "or"));
+                Finding::error(part.place, format!("a job of kind {} cannot be split", quoted(kind.name))).with_hint(Some(hint))
+            }
+        };
+        self.findings.add(finding.in_stage(&stage.name));
+        None
     }
 
     fn about(&mut self, node: &Node, stage: &str) -> Option<String> {
@@ -334,7 +368,7 @@ impl<'r> Reader<'_, 'r> {
             let known = if kinds.is_empty() {
                 format!("the kinds are {}", self.kinds_listed())
             } else {
-                "a stage has one kind, and `save`, `exclude`, `about`, `resources`".to_owned()
+                "a stage has one kind, and `save`, `exclude`, `about`, `resources`, `split`".to_owned()
             };
             findings.push(Finding::error(part.place, format!("{what} {}", quoted(&part.key))).with_hint(hint.or(Some(known))));
         }

@@ -57,6 +57,8 @@ pub enum Event {
         done: usize,
         /// Wanted jobs.
         total: usize,
+        /// Whether it is a part of another job, which is told of when it is whole.
+        is_part: bool,
         /// Why it failed, and where its stage stands (`file:line`).
         #[serde(skip_serializing_if = "Option::is_none")]
         error: Option<Failure>,

@@ -183,7 +183,8 @@ pub fn entries(graph: &Graph, plan: &Plan, history: &mut History) -> Vec<JobEntr
             entry.key = planned.key;
             entry.outcome = planned.outcome;
             entry.outputs = planned.record.as_ref().map(output_entries).unwrap_or_default();
-            entry.reason = reason(&entry, planned, history, || unknown_inputs(job, known));
+            let why = reason(&entry, planned, history, || unknown_inputs(job, known));
+            entry.reason = if planned.outcome == Outcome::Hit { why } else { in_parts(job, why) };
             entry
         })
         .collect()
@@ -197,6 +198,14 @@ fn reason(entry: &JobEntry, planned: &PlannedJob, history: &mut History, unknown
         Outcome::Hit => HIT_REASON.to_owned(),
         _ if planned.key.is_some() => history.reason(entry),
         _ => history.known_difference(entry).unwrap_or_else(unknown),
+    }
+}
+
+/// The same reason, with the number of parts in which a job is computed.
+pub fn in_parts(job: &JobNode, reason: String) -> String {
+    match job.parts.len() {
+        0 => reason,
+        count => format!("{reason}; in {count} parts"),
     }
 }
 

@@ -3,6 +3,7 @@
 //! Pure data; `sweep` makes it from a document, `freshness` and `schedule` read it. Jobs stand in an
 //! order in which inputs come before their users.
 
+use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use serde_json::Value as Json;
@@ -59,6 +60,8 @@ pub struct StageNode {
     pub about: Option<String>,
     /// What each of its jobs asks of the machine.
     pub resources: Resources,
+    /// In how many parts its jobs are to be computed; in no key.
+    pub split: Option<NonZeroU32>,
     /// File and line (from 1) of its entry.
     pub place: (String, usize),
     /// Its axes, in order of declaration.
@@ -90,10 +93,34 @@ pub struct JobNode {
     pub seed: Option<u64>,
     /// What is published, in order.
     pub publications: Vec<Publication>,
+    /// The jobs before it that compute it in parts, if it has to be computed.
+    pub parts: Vec<PartNode>,
+    /// What it is a part of. Nothing wants a part but its whole, and only in a run that has to compute that.
+    pub part_of: Option<PartOf>,
     /// Whether this run wants it: it is a target or an input of one.
     pub is_wanted: bool,
     /// Whether it is to run even if the store has its result.
     pub is_forced: bool,
+}
+
+/// A part of a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PartNode {
+    /// Index into [`Graph::jobs`].
+    pub job: usize,
+    /// See [`Part::within`](super::stage::Part::within).
+    pub within: usize,
+}
+
+/// What a job is a part of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PartOf {
+    /// Index into [`Graph::jobs`].
+    pub whole: usize,
+    /// Which part, from 1.
+    pub number: usize,
+    /// Of how many.
+    pub count: usize,
 }
 
 /// What stands on one port of a job.

@@ -131,13 +131,17 @@ impl History {
 
     /// Seconds that this job, or else one of its stage, took when it ran.
     pub fn seconds(&mut self, job: &JobEntry) -> Option<f64> {
-        let same = self.earlier(job).and_then(|earlier| earlier.measured);
+        let seconds = |entry: JobEntry| {
+            let parts = entry.parts.iter().filter_map(|part| part.measured.as_ref());
+            Some(entry.measured.as_ref()?.seconds + parts.map(|part| part.seconds).sum::<f64>())
+        };
+        let same = self.earlier(job).and_then(seconds);
         let other = || {
             let runs = self.runs.iter().filter_map(|run| Some((run, run.jobs.get(&job.stage)?)));
             let entries = runs.flat_map(|(run, places)| in_order(places).into_iter().map(move |line| (run, line)));
-            entries.take(SIBLING_COUNT).find_map(|(run, line)| run.job(&line)?.measured)
+            entries.take(SIBLING_COUNT).find_map(|(run, line)| seconds(run.job(&line)?))
         };
-        same.or_else(other).map(|measured| measured.seconds)
+        same.or_else(other)
     }
 
     /// The run of that age: 0 is the latest.

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 
-use super::artifact::{AnyArtifact, Artifact};
+use super::artifact::{AnyArtifact, Artifact, TypeName};
 use super::coordinate::Scalar;
 use super::parameter::{Accepts, InputFile, Port, Ports, Seed};
 use super::stage::StageError;
@@ -34,6 +34,9 @@ impl Fetch for AnyArtifact {
     }
 }
 
+/// The types of the results of a part, and the ways to them.
+pub type PartResults = Vec<(TypeName, Box<dyn Fetch>)>;
+
 /// The bytes of input files, each read once and checked against the digest that is in the key.
 pub trait FileSource: Send + Sync {
     /// All bytes of the file.
@@ -45,6 +48,7 @@ pub struct Job<'a> {
     inputs: BTreeMap<String, Vec<Input>>,
     files: &'a dyn FileSource,
     earlier: Vec<AnyArtifact>,
+    parts: Vec<PartResults>,
     seed: u64,
     interrupted: &'a AtomicBool,
     withdrawn: Option<&'a AtomicBool>,
@@ -57,8 +61,8 @@ impl<'a> Job<'a> {
     ///
     /// `seed` is the pipeline's, for stages that set none.
     pub fn new(inputs: BTreeMap<String, Vec<Input>>, files: &'a dyn FileSource, seed: u64, interrupted: &'a AtomicBool) -> Self {
-        let earlier = Vec::new();
-        Self { inputs, files, earlier, seed, interrupted, withdrawn: None, progress: Arc::default(), warnings: Mutex::default() }
+        let (earlier, parts) = (Vec::new(), Vec::new());
+        Self { inputs, files, earlier, parts, seed, interrupted, withdrawn: None, progress: Arc::default(), warnings: Mutex::default() }
     }
 
     /// The same job, saying how far it is through a handle that a display looks at.
@@ -78,6 +82,22 @@ impl<'a> Job<'a> {
     /// A result to go on from, if the store has one of the kind's `prefixes`: the first of that type.
     pub fn earlier<T: Artifact>(&self) -> Option<Arc<T>> {
         self.earlier.iter().find_map(|artifact| artifact.clone().get())
+    }
+
+    /// The same job with what its parts have given.
+    #[must_use]
+    pub fn with_parts(mut self, parts: Vec<PartResults>) -> Self {
+        self.parts = parts;
+        self
+    }
+
+    /// The results of that type of the job's parts, in the order of the kind's `parts`, each fetched when the iterator reaches it.
+    ///
+    /// Parts that a result to go on from holds already are left out; so are all where nothing is split.
+    pub fn parts<T: Artifact>(&self) -> impl Iterator<Item = Result<Arc<T>, StageError>> {
+        let of_type = |part: &PartResults| part.iter().find(|(type_name, _)| *type_name == T::TYPE).map(|(_, way)| way.fetch());
+        let taken = |artifact: AnyArtifact| artifact.get().ok_or_else(|| StageError::content(format!("a part gave no `{}`", T::TYPE)));
+        self.parts.iter().filter_map(of_type).map(move |artifact| artifact.and_then(taken))
     }
 
     /// The same job, to stop also when this is set: another run computes it already.

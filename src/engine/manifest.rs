@@ -11,7 +11,7 @@ use serde_json::Value as Json;
 
 use super::coordinate::{Coordinate, Scalar};
 use super::digest::Digest;
-use super::graph::{Graph, InputNode, JobNode};
+use super::graph::{Graph, InputNode, JobNode, PartOf};
 use super::key::add_canonical;
 use super::lines::{add_line, add_text};
 use super::schema::FieldPath;
@@ -150,7 +150,24 @@ pub struct JobEntry {
     /// Why it failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
-    /// What it cost in this run or, for a hit, when it ran.
+    /// The parts that were computed for it, where `split:` asks for that and it was not in the store.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<PartEntry>,
+    /// What it cost in this run or, for a hit, when it ran; without its parts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured: Option<JobMeasured>,
+}
+
+/// A part of a job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PartEntry {
+    /// Which one, from 1.
+    pub number: usize,
+    /// Its key.
+    pub key: Option<Digest>,
+    /// What became of it.
+    pub outcome: Outcome,
+    /// What it cost, as of a job.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured: Option<JobMeasured>,
 }
@@ -424,6 +441,7 @@ pub fn job_entry(graph: &Graph, job: &JobNode, files: &[Digest]) -> JobEntry {
         outputs: Vec::new(),
         warnings: Vec::new(),
         error: None,
+        parts: Vec::new(),
         measured: None,
     }
 }
@@ -479,9 +497,13 @@ pub fn coordinate_of(coordinate: &Json) -> Coordinate {
     Coordinate(coordinate.as_object().into_iter().flatten().map(|(axis, value)| (axis.clone(), scalar(value))).collect())
 }
 
-/// `stage` or `stage[axis=value,…]`.
+/// `stage` or `stage[axis=value,…]`; of a part with ` part 3 of 8`.
 pub fn job_name(graph: &Graph, job: &JobNode) -> String {
-    named(&graph.stages[job.stage].name, job)
+    let name = named(&graph.stages[job.stage].name, job);
+    match job.part_of {
+        Some(PartOf { number, count, .. }) => format!("{name} part {number} of {count}"),
+        None => name,
+    }
 }
 
 /// `stage`, `stage.result`, either with `[axis=value,…]`.
@@ -517,6 +539,7 @@ mod tests {
             outputs: vec![],
             warnings: vec![],
             error: None,
+            parts: vec![],
             measured: None,
         }
     }

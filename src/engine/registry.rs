@@ -21,6 +21,8 @@ pub struct Kind {
     pub version: u32,
     /// Its results, the first one first.
     pub results: &'static [ResultDeclaration],
+    /// Whether `split:` may divide its jobs.
+    pub splits: bool,
     /// Made when it is asked for: a pipeline has few of all kinds.
     schema: OnceLock<Json>,
     make_schema: fn() -> Json,
@@ -31,7 +33,8 @@ impl Kind {
     /// The row of kind `T`.
     pub fn of<T: Stage>() -> Self {
         let make_schema = || SchemaSettings::draft07().into_generator().into_root_schema_for::<T>().into();
-        Self { name: T::KIND, version: T::VERSION, results: T::RESULTS, schema: OnceLock::new(), make_schema, parse: parse::<T> }
+        let (schema, parse) = (OnceLock::new(), parse::<T>);
+        Self { name: T::KIND, version: T::VERSION, results: T::RESULTS, splits: T::SPLITS, schema, make_schema, parse }
     }
 
     /// JSON Schema (draft-07) of its parameters, with references resolved by `definitions`.

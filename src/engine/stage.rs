@@ -5,6 +5,7 @@
 //! its default is left out of the key.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -49,6 +50,8 @@ pub trait Stage: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stat
     const VERSION: u32;
     /// Its results, the first one first.
     const RESULTS: &'static [ResultDeclaration];
+    /// Whether its work can be divided, as `split:` asks for.
+    const SPLITS: bool = false;
     /// What `run` gives: an artifact, or a tuple of artifacts in the order of `RESULTS`.
     type Output: Outputs;
 
@@ -92,8 +95,26 @@ pub trait Stage: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stat
         Vec::new()
     }
 
+    /// About so many jobs that together compute what this one would; none where it is too small to be divided.
+    ///
+    /// `run` finds their results by [`Job::parts`], without those that it can go on without. Its own results must be the same
+    /// bytes for any number of parts and for none.
+    fn parts(&self, _count: NonZeroU32) -> Vec<Part<Self>> {
+        Vec::new()
+    }
+
     /// Computes the results; a function of the parameters, the inputs and the seed alone.
     fn run(&self, job: &Job<'_>) -> Result<Self::Output, StageError>;
+}
+
+/// A part of a job: a job of the same kind with the same inputs, files and seed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part<T> {
+    /// Its parameters.
+    pub parameters: T,
+    /// So many of the whole's first [`prefixes`](Stage::prefixes) hold all that it would compute: with one of them at hand, it
+    /// need not run.
+    pub within: usize,
 }
 
 /// Why a stage gave no result.
@@ -176,6 +197,8 @@ pub trait AnyStage: Send + Sync {
     fn memory(&self, inputs: &InputSizes) -> u64;
     /// See [`Stage::prefixes`]; parameter blocks as JSON.
     fn prefixes(&self) -> Vec<Json>;
+    /// See [`Stage::parts`].
+    fn parts(&self, count: NonZeroU32) -> Vec<Part<Box<dyn AnyStage>>>;
     /// See [`Stage::run`].
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError>;
 }
@@ -215,6 +238,11 @@ impl<T: Stage> AnyStage for T {
 
     fn prefixes(&self) -> Vec<Json> {
         Stage::prefixes(self).iter().map(AnyStage::parameters).collect()
+    }
+
+    fn parts(&self, count: NonZeroU32) -> Vec<Part<Box<dyn AnyStage>>> {
+        let boxed = |Part { parameters, within }: Part<T>| Part { parameters: Box::new(parameters) as Box<dyn AnyStage>, within };
+        Stage::parts(self, count).into_iter().map(boxed).collect()
     }
 
     fn run(&self, job: &Job<'_>) -> Result<Vec<AnyArtifact>, StageError> {

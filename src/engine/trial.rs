@@ -247,6 +247,7 @@ fn stage_node(trial: &TrialJob, index: usize) -> StageNode {
         version: Trial::VERSION,
         about: None,
         resources: Resources::default(),
+        split: None,
         place: ("p.yaml".into(), index + 1),
         axes: trial.coordinate.0.iter().map(|(axis, _)| axis.clone()).collect(),
         results: vec![("", "text")],
@@ -284,6 +285,8 @@ fn job_node(trial: &TrialJob, stage: usize, jobs: &[TrialJob]) -> JobNode {
         files,
         seed: None,
         publications: trial.save.iter().map(publication).collect(),
+        parts: Vec::new(),
+        part_of: None,
         is_wanted: true,
         is_forced: trial.is_forced,
     }

@@ -3,6 +3,7 @@
 //! Every pixel is a function of the scene and its own position; rows are shared out among threads, so the result does
 //! not depend on how many there are. A block that begins where a finished one ends goes on from its sums.
 
+use std::borrow::Cow;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -36,7 +37,7 @@ pub struct Request<'a> {
     pub block: Block,
     /// Replicates.
     pub replicates: u32,
-    /// Sums of the first samples of the block, a power of two of them: where to go on from.
+    /// Sums of the first samples of the block, a power of two of them, of these pixels or more: where to go on from.
     pub start: Option<&'a Film>,
 }
 
@@ -50,7 +51,8 @@ pub fn render<E: Send>(
     progress: impl Fn(f32) + Sync,
 ) -> Result<Film, E> {
     let Request { window, block, replicates, .. } = *request;
-    let start = request.start.filter(|film| fits(film, request));
+    let start = request.start.filter(|film| fits(film, request)).and_then(|film| seen_through(film, window));
+    let start = start.as_deref();
     let mut sums = vec![Sums::default(); window.pixel_count() * replicates as usize];
     let refused = Mutex::new(start.map_or(Refused::default(), |film| film.refused));
     let finished = AtomicUsize::new(0);
@@ -71,13 +73,18 @@ pub fn render<E: Send>(
     Ok(Film { window, block, replicates, sums, refused })
 }
 
+/// The part of a film that is seen through a window.
+fn seen_through(film: &Film, window: Window) -> Option<Cow<'_, Film>> {
+    if film.window == window { Some(Cow::Borrowed(film)) } else { film.cropped(window).map(Cow::Owned) }
+}
+
 /// Whether a film is the beginning of what is asked for, at a node of the tree of samples.
 fn fits(film: &Film, request: &Request<'_>) -> bool {
     let count = film.block.count;
-    film.window == request.window
+    film.window.holds(&request.window)
         && film.replicates == request.replicates
         && film.block.first == request.block.first
-        && film.sums.len() == request.window.pixel_count() * request.replicates as usize
+        && film.sums.len() == film.window.pixel_count() * request.replicates as usize
         && count.is_power_of_two()
         && count <= request.block.count
 }
@@ -193,6 +200,7 @@ mod tests {
     use crate::image::raster::{Image, Raster};
     use crate::light::envmap::EnvMap;
     use crate::light::test_maps;
+    use crate::render::film::sums::Assembly;
     use crate::render::scene::SceneDescription;
     use crate::render::scene::compiled::{NoLibrary, Surroundings};
 
@@ -258,15 +266,23 @@ emitters:
             let single = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
             assert_eq!(single.install(|| part(window, block(0, count))), all);
 
-            let half = part(window, block(0, count / 2));
-            assert_eq!(half.followed_by(&part(window, block(count / 2, count / 2))).unwrap(), all);
+            let assembled = |parts: &[Film]| {
+                let mut assembly = Assembly::new(window, all.block, all.replicates);
+                parts.iter().for_each(|part| assert!(assembly.take(part.clone())));
+                assembly.finish().unwrap()
+            };
+            assert_eq!(assembled(&[part(window, block(0, count / 2)), part(window, block(count / 2, count / 2))]), all);
             for level in 0..=count.ilog2() {
                 let start = part(window, block(0, 1 << level));
                 assert_eq!(film(&description, Some(&map), window, block(0, count), Some(&start)), all, "from {}", 1 << level);
             }
             let tile = |x0, y0, x1, y1| part(Window { x0, y0, x1, y1 }, block(0, count));
-            let tiles = [tile(0, 0, 5, 9), tile(5, 0, 12, 4), tile(5, 4, 12, 9)];
-            assert_eq!(Film::from_tiles(window, &tiles).unwrap(), all);
+            assert_eq!(assembled(&[tile(0, 0, 12, 4), tile(0, 4, 12, 9)]), all);
+            let corner = Window { x0: 5, y0: 4, x1: 12, y1: 9 };
+            assert_eq!(tile(5, 4, 12, 9), all.cropped(corner).unwrap());
+            // Going on from a larger window.
+            let start = part(window, block(0, count / 4));
+            assert_eq!(film(&description, Some(&map), corner, block(0, count), Some(&start)), all.cropped(corner).unwrap());
         }
     }
 
@@ -276,7 +292,7 @@ emitters:
         let right = whole(&description, None);
         let mut start = film(&description, None, Window::whole([12, 9]), Block { first: 0, count: 4 }, None);
         start.sums.iter_mut().for_each(|sums| sums.0[0] += 1.0);
-        start.window.x1 = 11;
+        start.window.x0 = 1;
         let found = film(&description, None, right.window, right.block, Some(&start));
         assert_eq!(found, right);
     }

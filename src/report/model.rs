@@ -723,6 +723,7 @@ pub mod tests {
             outputs: Vec::new(),
             warnings: Vec::new(),
             error: None,
+            parts: Vec::new(),
             measured: Some(JobMeasured { seconds, memory: 0, start: Some(0.0), thread: Some(0), host: None }),
         }
     }

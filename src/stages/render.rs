@@ -13,13 +13,13 @@ use super::grid::Shown;
 use crate::catalogue::nearest;
 use crate::engine::job::Job;
 use crate::engine::parameter::{InputFile, Port, Section, Seed};
-use crate::engine::stage::{InputSizes, Mistake, ResultDeclaration, Stage, StageError};
+use crate::engine::stage::{InputSizes, Mistake, Part, ResultDeclaration, Stage, StageError};
 use crate::formats::{self, Content, Limits};
 use crate::image::raster::Image;
 use crate::light::envmap::EnvMap;
 use crate::light::lights::LightSet;
 use crate::render::emitter::EnvironmentParameters;
-use crate::render::film::sums::{Block, Film, Window};
+use crate::render::film::sums::{Assembly, Block, Film, Window};
 use crate::render::medium::grid::Voxels;
 use crate::render::mesh::{Mesh, read};
 use crate::render::picture::{self, Request};
@@ -69,13 +69,30 @@ pub struct Render {
     /// Another seed gives another, equally good picture; by default the pipeline's.
     #[serde(default)]
     pub seed: Seed,
+    /// What a part of a split render computes; no one writes it.
+    #[serde(default, skip_deserializing, skip_serializing_if = "Option::is_none")]
+    #[schemars(skip)]
+    pub part: Option<FilmPart>,
 }
+
+/// A band of rows and the samples from one on, up to the last one of the sampler.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FilmPart {
+    /// First row, and the row after the last.
+    rows: [u32; 2],
+    /// Index of the first sample of each replicate.
+    first_sample: u32,
+}
+
+/// A band of a split render has so many rows at least, so that several threads find something to do in it.
+const BAND_ROWS: u32 = 16;
 
 impl Stage for Render {
     const KIND: &'static str = "render";
     const VERSION: u32 = 3;
     const RESULTS: &'static [ResultDeclaration] =
         &[ResultDeclaration { name: "", types: &["image"] }, ResultDeclaration { name: "film", types: &["film"] }];
+    const SPLITS: bool = true;
     type Output = (Image, Film);
 
     fn draws(&self) -> bool {
@@ -99,37 +116,114 @@ impl Stage for Render {
     fn memory(&self, inputs: &InputSizes) -> u64 {
         let film = &self.scene.0.film;
         let per_pixel = 56 * u64::from(self.scene.0.replicates()) + 16 + 12 * film.layers.len() as u64;
-        film.pixel_count() as u64 * per_pixel + 2 * inputs.values().sum::<u64>()
+        self.window().pixel_count() as u64 * per_pixel + 2 * inputs.values().sum::<u64>()
     }
 
-    /// The same with a smaller power of two of samples in each replicate.
+    /// The same with a smaller power of two of samples in each replicate, of the whole film before its part.
     fn prefixes(&self) -> Vec<Self> {
-        let scene = &self.scene.0;
-        let (count, replicates) = (scene.samples_per_replicate(), scene.replicates());
-        let counts = (0..count.max(1).ilog2() + 1).rev().map(|level| 1 << level).filter(|fewer| *fewer < count);
-        let with = |samples: NonZeroU32| {
-            let mut fewer = self.clone();
-            fewer.scene.0.sampler = scene.sampler.with_samples(samples);
-            fewer
+        let with = |count: u32| {
+            let whole = Self { part: None, ..self.with_samples(count) };
+            std::iter::once(whole).chain(self.part.map(|_| self.with_samples(count)))
         };
-        let counts = counts.filter(|_| scene.sampler.is_prefix_stable());
-        counts.filter_map(|count: u32| NonZeroU32::new(count.checked_mul(replicates)?)).map(with).collect()
+        self.prefix_counts().into_iter().flat_map(with).collect()
+    }
+
+    /// Bands of rows; where there are too few rows for so many, blocks of samples of each.
+    fn parts(&self, count: NonZeroU32) -> Vec<Part<Self>> {
+        let window = self.window();
+        let bands = count.get().min(window.height() as u32 / BAND_ROWS).max(1);
+        let blocks = self.blocks(count.get() / bands);
+        if bands == 1 && blocks.len() < 2 {
+            return Vec::new();
+        }
+        let prefixes = self.prefix_counts();
+        let part = |window: Window, block: Block| {
+            let end = block.first + block.count;
+            let part = FilmPart { rows: [window.y0, window.y1], first_sample: block.first };
+            // The first samples of the whole film are a render like any other.
+            let is_prefix = bands == 1 && block.first == 0;
+            let parameters = Self { part: (!is_prefix).then_some(part), ..self.with_samples(end) };
+            Part { parameters, within: prefixes.iter().filter(|count| **count >= end).count() }
+        };
+        window
+            .bands(bands)
+            .flat_map(|window| blocks.iter().map(move |block| (window, *block)))
+            .map(|(window, block)| part(window, block))
+            .collect()
     }
 
     fn run(&self, job: &Job<'_>) -> Result<(Image, Film), StageError> {
         let description = &self.scene.0;
         let scene = self.compiled(job)?;
         let start = job.earlier::<Film>();
-        let block = Block { first: 0, count: description.samples_per_replicate() };
-        let window = Window::whole(description.film.resolution);
-        let request = Request { window, block, replicates: description.replicates(), start: start.as_deref() };
-        let film = picture::render(&scene, &request, || job.check(), |part| job.report_progress(part))?;
+        let request = Request { window: self.window(), block: self.block(), replicates: description.replicates(), start: start.as_deref() };
+        let film = match assembled(&request, job)? {
+            Some(film) => film,
+            None => picture::render(&scene, &request, || job.check(), |part| job.report_progress(part))?,
+        };
         warn(&scene, &film, job);
         Ok((film.image(&description.film), film))
     }
 }
 
+/// What the parts of the job and the film to go on from make together, if that is all of it.
+fn assembled(request: &Request<'_>, job: &Job<'_>) -> Result<Option<Film>, StageError> {
+    let mut parts = job.parts::<Film>().peekable();
+    if parts.peek().is_none() {
+        return Ok(None);
+    }
+    let mut assembly = Assembly::new(request.window, request.block, request.replicates);
+    for part in parts {
+        job.check()?;
+        let part = Arc::unwrap_or_clone(part?);
+        let start = request.start.filter(|_| !assembly.expects(&part)).and_then(|start| start.cropped(part.window));
+        if !start.is_none_or(|start| assembly.take(start)) || !assembly.take(part) {
+            return Ok(None);
+        }
+    }
+    Ok(assembly.finish())
+}
+
 impl Render {
+    /// The pixels that it computes.
+    fn window(&self) -> Window {
+        let whole = Window::whole(self.scene.0.film.resolution);
+        self.part.map_or(whole, |FilmPart { rows: [y0, y1], .. }| Window { y0, y1, ..whole })
+    }
+
+    /// The samples of each replicate that it computes.
+    fn block(&self) -> Block {
+        let first = self.part.map_or(0, |part| part.first_sample);
+        Block { first, count: self.scene.0.samples_per_replicate() - first }
+    }
+
+    /// The same with so many samples in each replicate, where a shorter render is the beginning of a longer one.
+    fn with_samples(&self, count: u32) -> Self {
+        let (mut fewer, scene) = (self.clone(), &self.scene.0);
+        if scene.sampler.is_prefix_stable() {
+            let samples = NonZeroU32::new(count * scene.replicates()).expect("a block of samples is not empty");
+            fewer.scene.0.sampler = scene.sampler.with_samples(samples);
+        }
+        fewer
+    }
+
+    /// Smaller numbers of samples in each replicate from whose sums it can go on, the largest first.
+    fn prefix_counts(&self) -> Vec<u32> {
+        let Block { first, count } = self.block();
+        let counts = (0..count.max(1).ilog2() + 1).rev().map(|level| 1 << level).filter(|fewer| *fewer < count);
+        counts.filter(|_| first == 0 && self.scene.0.sampler.is_prefix_stable()).collect()
+    }
+
+    /// Its samples in so many blocks at most, each at a node of the tree of samples.
+    fn blocks(&self, most: u32) -> Vec<Block> {
+        let Block { first, count } = self.block();
+        if most < 2 || !self.scene.0.sampler.is_prefix_stable() {
+            return vec![Block { first, count }];
+        }
+        let size = count.div_ceil(most).next_power_of_two();
+        (first..first + count).step_by(size as usize).map(|start| Block { first: start, count: size.min(first + count - start) }).collect()
+    }
+
     fn compiled(&self, job: &Job<'_>) -> Result<Scene, StageError> {
         let (env, lights) = (job.optional_input(&self.env)?, job.optional_input(&self.lights)?);
         let surroundings = Surroundings { env: env.as_deref(), lights: lights.as_deref(), seed: job.seed(self.seed) };

@@ -13,6 +13,7 @@ mod rendering;
 mod report;
 mod reuse;
 mod space;
+mod split;
 mod store;
 mod team;
 mod versions;

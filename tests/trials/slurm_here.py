@@ -5,6 +5,7 @@ No cgroups, no accounting, everything on the loopback device; for root alone. `S
 
 import os
 import pathlib
+import re
 import shutil
 import signal
 import socket
@@ -43,6 +44,7 @@ SchedulerParameters=sched_min_interval=50000,batch_sched_delay=1,bf_interval=5
 SlurmdParameters=config_overrides
 ReturnToService=2
 MinJobAge=60
+FirstJobId=1
 SlurmctldTimeout=10
 SlurmdTimeout=10
 BatchStartTimeout=10
@@ -76,6 +78,7 @@ class Slurm:
     def __init__(self, folder, nodes=2, port=17310):
         self.folder, self.nodes = pathlib.Path(folder), nodes
         self.processes = {}
+        self.starts = 0
         # The path of a socket must be short, and those above it no one else's.
         self.socket = f"/run/pipeline-trial-{os.getpid()}.munge"
         (self.folder / "state").mkdir(parents=True)
@@ -115,6 +118,10 @@ class Slurm:
                 process.wait()
 
     def start_controller(self):
+        # One that was killed forgets the last numbers it gave. A node that has seen them end refuses them for two minutes.
+        self.starts += 1
+        text = re.sub("FirstJobId=.*", f"FirstJobId={1000 * self.starts}", self.configuration.read_text())
+        self.configuration.write_text(text)
         self.start("slurmctld", "slurmctld", "-D", "-f", str(self.configuration))
         self.wait(lambda: subprocess.run(["scontrol", "ping"], capture_output=True).stdout.count(b" is UP"), "slurmctld")
 

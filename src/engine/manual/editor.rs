@@ -4,6 +4,7 @@
 
 use serde_json::{Map, Value as Json, json};
 
+use crate::engine::document::PART_LIMIT;
 use crate::engine::registry::{Kind, Registry};
 
 /// The JSON Schema (draft-07) of a whole pipeline file, for editors.
@@ -98,6 +99,8 @@ fn stage_schema(registry: &Registry, kinds: Map<String, Json>) -> Json {
         }),
     );
     properties.insert("resources".into(), resources_schema());
+    let parts = "In how many parts a job of `render` is computed, so that several machines can share one; it changes no result.";
+    properties.insert("split".into(), json!({ "type": "integer", "minimum": 2, "maximum": PART_LIMIT, "description": parts }));
     properties.insert("about".into(), json!({ "type": "string", "description": "What it is for; shown in reports." }));
     json!({ "type": "object", "properties": properties, "additionalProperties": false, "oneOf": one_kind })
 }

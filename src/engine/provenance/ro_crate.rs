@@ -493,6 +493,7 @@ mod tests {
             outputs: if outcome == Outcome::Failed { vec![] } else { vec![output] },
             warnings: vec![],
             error: None,
+            parts: Vec::new(),
             measured: None,
         }
     }

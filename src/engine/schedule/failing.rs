@@ -1,6 +1,6 @@
 //! Jobs that give no result, and what becomes of those that wanted it.
 
-use super::state::{self, Phase};
+use super::state::Phase;
 use super::{Scheduler, bytes_text};
 use crate::engine::events::Failure;
 use crate::engine::manifest::Outcome;
@@ -15,6 +15,9 @@ impl Scheduler<'_> {
         self.forget_key(job);
         let failure = self.failure(job, message, hint, is_of_the_system);
         self.note_failure(job, &failure);
+        if let Some(whole) = self.whole_of(job) {
+            return self.fail_part(job, whole, failure);
+        }
         let state = self.state_mut(job);
         state.phase = Phase::Failed;
         state.entry.outcome = Outcome::Failed;
@@ -50,7 +53,7 @@ impl Scheduler<'_> {
     }
 
     pub(super) fn skip(&mut self, job: usize) {
-        let inputs = state::distinct_inputs(&self.shared.graph.jobs[job]);
+        let inputs = self.inputs_of(job);
         let failed = inputs.into_iter().find(|input| self.state(*input).has_failed());
         let reason = failed.map(|input| format!("input {} failed", self.name(input))).unwrap_or_default();
         let state = self.state_mut(job);
@@ -65,9 +68,11 @@ impl Scheduler<'_> {
 
     /// After the run: what was not started, or was still running when it was given up.
     pub(super) fn skip_the_rest(&mut self) {
-        for state in self.jobs.iter_mut().flatten() {
+        let has_begun: Vec<bool> = (0..self.jobs.len()).map(|job| self.parts_of(job).next().is_some()).collect();
+        for (state, has_begun) in self.jobs.iter_mut().zip(has_begun).filter_map(|(state, has_begun)| Some((state.as_mut()?, has_begun))) {
             match state.phase {
                 Phase::Running => state.entry.outcome = Outcome::Interrupted,
+                Phase::Waiting if has_begun => state.entry.outcome = Outcome::Interrupted,
                 Phase::Waiting | Phase::Ready | Phase::Elsewhere => {
                     state.entry.outcome = Outcome::Skipped;
                     state.entry.reason = "the run ended before".to_owned();

@@ -7,8 +7,9 @@
 //! one that wanted it waits.
 //!
 //! Here are the state and the loop, [`Scheduler::run`]. The steps of the loop: `starting`, `reports`, `settling`,
-//! `publishing`, `failing`, and `elsewhere` for jobs that another run computes at the same time.
+//! `publishing`, `failing`, `dividing` for jobs in parts, and `elsewhere` for jobs that another run computes at the same time.
 
+mod dividing;
 mod elsewhere;
 mod failing;
 pub mod panics;
@@ -287,6 +288,7 @@ impl<'l> Scheduler<'l> {
             seconds: ran.map_or(0.0, |measured| measured.seconds),
             done: self.settled_count,
             total,
+            is_part: self.whole_of(job).is_some(),
             error,
         };
         self.listener.notify(&event);
@@ -318,8 +320,8 @@ impl<'l> Scheduler<'l> {
             fill_inputs(&mut inputs, node, |item| self.state(item.job).content(item.result));
             self.state_mut(job).entry.inputs = inputs;
         }
+        let entries = self.entries();
         let committed = self.committer.finish();
-        let entries = self.jobs.into_iter().flatten().map(|state| state.entry).collect();
         Finished { entries, ledger: self.ledger, was_interrupted: self.interrupted_at.is_some(), committed }
     }
 }

@@ -1,7 +1,7 @@
 //! Takes in what job threads report: results, faults, and results that the store has lost.
 
 use super::Scheduler;
-use super::state::{self, Phase};
+use super::state::Phase;
 use super::worker::{Body, Fault, RanJob, Report};
 use crate::engine::freshness::output_entries;
 use crate::engine::manifest::Outcome;
@@ -107,7 +107,7 @@ impl Scheduler<'_> {
         state.rerun_reason = reason;
         self.settled_count -= 1;
         // It uses its inputs once more, and is no longer there for its own users.
-        for input in state::distinct_inputs(&self.shared.graph.jobs[job]) {
+        for input in self.inputs_of(job) {
             self.state_mut(input).uses += 1;
         }
         for dependent in self.dependents[job].clone() {

@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use super::Scheduler;
-use super::state::{self, Phase};
+use super::state::Phase;
 use crate::engine::digest::Digest;
 use crate::engine::events::{Event, Failure};
 use crate::engine::manifest::Outcome;
@@ -265,7 +265,7 @@ impl Scheduler<'_> {
             let state = self.state(input);
             state.entry.outcome == Outcome::Ran && state.is_settled() && self.shared.held_by(input, 0).is_some()
         };
-        matches!(self.role, Role::Worker(_)) && state::distinct_inputs(&self.shared.graph.jobs[job]).into_iter().any(has_value)
+        matches!(self.role, Role::Worker(_)) && self.inputs_of(job).into_iter().any(has_value)
     }
 
     /// Whether the run was told to stop from outside.

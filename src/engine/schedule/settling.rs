@@ -4,10 +4,10 @@
 //! before it is made ready (early cutoff).
 
 use super::Scheduler;
-use super::state::{self, Phase, critical_paths};
+use super::state::{Phase, critical_paths};
 use crate::engine::digest::Digest;
 use crate::engine::events::Event;
-use crate::engine::freshness::{HIT_REASON, fill_inputs, is_whole, output_entries};
+use crate::engine::freshness::{HIT_REASON, fill_inputs, in_parts, is_whole, output_entries};
 use crate::engine::graph::InputNode;
 use crate::engine::key;
 use crate::engine::manifest::{JobMeasured, Outcome, job_name};
@@ -66,7 +66,7 @@ impl Scheduler<'_> {
 
     /// Counts what a job still waits for, and prepares it if that is nothing.
     pub(super) fn wait_for_inputs(&mut self, job: usize) {
-        let inputs = state::distinct_inputs(&self.shared.graph.jobs[job]);
+        let inputs = self.inputs_of(job);
         let waiting = inputs.iter().filter(|input| !self.state(**input).is_settled()).count();
         let state = self.state_mut(job);
         state.waiting = waiting;
@@ -156,11 +156,14 @@ impl Scheduler<'_> {
 
     /// Why a job runs that the store does not have.
     fn history_reason(&mut self, job: usize) -> String {
-        let entry = self.state(job).entry.clone();
-        self.history.reason(&entry)
+        let entry = self.state(self.whole_of(job).unwrap_or(job)).entry.clone();
+        in_parts(&self.shared.graph.jobs[job], self.history.reason(&entry))
     }
 
     pub(super) fn make_ready(&mut self, job: usize, key: Digest, reason: &'static str) {
+        if self.waits_for_parts(job, key) {
+            return;
+        }
         let reason = if !reason.is_empty() { reason } else { self.state(job).rerun_reason };
         let reason = if reason.is_empty() { self.history_reason(job) } else { reason.to_owned() };
         self.by_key.insert(key, job);
@@ -211,7 +214,7 @@ impl Scheduler<'_> {
 
     /// The inputs of a job have one user less.
     pub(super) fn release_inputs(&mut self, job: usize) {
-        for input in state::distinct_inputs(&self.shared.graph.jobs[job]) {
+        for input in self.inputs_of(job) {
             self.state_mut(input).uses -= 1;
             self.drop_if_unused(input);
         }

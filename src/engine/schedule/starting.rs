@@ -74,7 +74,7 @@ impl Scheduler<'_> {
             Beginning::IsSettled => return true,
         };
         self.say_started(job);
-        for input in state::distinct_inputs(&self.shared.graph.jobs[job]) {
+        for input in self.inputs_of(job) {
             self.expect_in_memory(input);
         }
         let task = self.run_task(job, need.of_the_stage);
@@ -139,11 +139,13 @@ impl Scheduler<'_> {
         let state = self.state(job);
         let ports = &self.shared.graph.jobs[job].inputs;
         let sources = ports.iter().map(|port| port.items.iter().map(|item| self.source(item.job, item.result)).collect()).collect();
+        let results = |part: usize| (0..self.state(part).sizes.len()).map(|result| self.source(part, result)).collect();
         RunTask {
             job,
             key: state.entry.key.expect("a ready job has its key"),
             files: state.planned.files.clone(),
             sources,
+            parts: self.parts_of(job).map(results).collect(),
             memory,
             progress: Arc::default(),
             withdrawn: Arc::default(),
@@ -163,6 +165,8 @@ impl Scheduler<'_> {
         // A file that is gone by now fails the job when it is read.
         let file_size = |path: &Path| files::status(path).map_or(0, |status| status.len());
         let estimated = state::memory_need(&self.shared.graph.jobs[job], size, is_held, file_size);
-        estimated.at_least(self.asked_by(job).memory.unwrap_or(0))
+        // One part after the other is read.
+        let of_part = self.parts_of(job).map(|part| self.state(part).sizes.iter().sum()).max().unwrap_or(0);
+        estimated.and(of_part).at_least(self.asked_by(job).memory.unwrap_or(0))
     }
 }

@@ -205,6 +205,12 @@ pub struct MemoryNeed {
 }
 
 impl MemoryNeed {
+    /// The same with so much more.
+    pub fn and(self, more: u64) -> Self {
+        let Self { of_the_stage, beside_what_is_held, at_all } = self;
+        Self { of_the_stage, beside_what_is_held: beside_what_is_held.saturating_add(more), at_all: at_all.saturating_add(more) }
+    }
+
     /// The same where the stage says that it takes so much.
     pub fn at_least(self, stated: u64) -> Self {
         let more = stated.saturating_sub(self.of_the_stage);

@@ -14,11 +14,11 @@ use serde_json::Value as Json;
 
 use super::panics;
 use super::values::{Fetcher, LostResults, Shared, Source};
-use crate::engine::artifact::{AnyArtifact, Origin};
+use crate::engine::artifact::{AnyArtifact, Origin, TypeName};
 use crate::engine::digest::Digest;
 use crate::engine::files::PlainFile;
 use crate::engine::graph::{InputNode, PortInputs};
-use crate::engine::job::{FileSource, Input, Job};
+use crate::engine::job::{Fetch, FileSource, Input, Job, PartResults};
 use crate::engine::key;
 use crate::engine::stage::StageError;
 use crate::engine::store::committer::Commit;
@@ -44,6 +44,8 @@ pub struct RunTask {
     pub files: Vec<Digest>,
     /// Where its inputs can be had: by port and item, as in the graph.
     pub sources: Vec<Vec<Source>>,
+    /// Where the results of its parts can be had, by part.
+    pub parts: Vec<Vec<Source>>,
     /// Bytes it is expected to need beside its inputs.
     pub memory: u64,
     /// How far it is.
@@ -177,7 +179,7 @@ fn run(shared: &Arc<Shared>, task: &RunTask) -> Result<RanJob, Fault> {
     let files = KeyedFiles::new(node.files.iter().map(|(_, path)| path.clone()).zip(task.files.iter().copied()));
     let inputs = inputs(shared, task, &lost)?;
     let job = Job::new(inputs, &files, shared.graph.seed, &shared.interrupted).with_progress(task.progress.clone());
-    let job = job.with_withdrawal(&task.withdrawn).with_earlier(earlier(shared, task));
+    let job = job.with_withdrawal(&task.withdrawn).with_earlier(earlier(shared, task)).with_parts(parts(shared, task, &lost));
 
     let result = node.parameters.run(&job);
     let lost = std::mem::take(&mut *lost.lock().expect("no one panics while noting a loss"));
@@ -218,6 +220,14 @@ fn earlier(shared: &Shared, task: &RunTask) -> Vec<AnyArtifact> {
     node.prefixes.iter().find_map(results).unwrap_or_default()
 }
 
+/// The ways to the results of its parts.
+fn parts(shared: &Arc<Shared>, task: &RunTask, lost: &LostResults) -> Vec<PartResults> {
+    let types = shared.graph.stages[shared.graph.jobs[task.job].stage].results.iter().map(|(_, type_name)| *type_name);
+    let fetcher = |source: &Source| Box::new(Fetcher { shared: shared.clone(), source: source.clone(), lost: lost.clone() });
+    let result = |(type_name, source): (TypeName, &Source)| (type_name, fetcher(source) as Box<dyn Fetch>);
+    task.parts.iter().map(|sources| types.clone().zip(sources).map(result).collect()).collect()
+}
+
 /// What stands on the ports: single inputs are read now, collected ones when the stage reaches them.
 fn inputs(shared: &Arc<Shared>, task: &RunTask, lost: &LostResults) -> Result<BTreeMap<String, Vec<Input>>, Fault> {
     let ports = &shared.graph.jobs[task.job].inputs;
@@ -233,7 +243,7 @@ fn inputs(shared: &Arc<Shared>, task: &RunTask, lost: &LostResults) -> Result<BT
 
 fn port_inputs(shared: &Arc<Shared>, port: &PortInputs, sources: &[Source], lost: &LostResults) -> Result<Vec<Input>, Fault> {
     let input = |(item, source): (&crate::engine::graph::InputNode, &Source)| {
-        let source: Box<dyn crate::engine::job::Fetch> = if port.collects {
+        let source: Box<dyn Fetch> = if port.collects {
             Box::new(Fetcher { shared: shared.clone(), source: source.clone(), lost: lost.clone() })
         } else {
             Box::new(shared.value(source).map_err(|lost| Fault::Lost(vec![(source.job, lost)]))?)

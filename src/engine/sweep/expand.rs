@@ -13,14 +13,14 @@ use crate::catalogue::nearest;
 use crate::engine::canonical::{Replaced, canonical};
 use crate::engine::coordinate::{Coordinate, Scalar};
 use crate::engine::diagnostic::{escape, quoted};
-use crate::engine::graph::{Graph, InputNode, JobNode, PortInputs, Publication, Source, StageNode};
+use crate::engine::graph::{Graph, InputNode, JobNode, PartNode, PartOf, PortInputs, Publication, Source, StageNode};
 use crate::engine::reference::Reference;
 use crate::engine::relation::{Relation, Row};
 use crate::engine::request::{InputPlace, RecordedInput, Request};
 use crate::engine::save::{Names, published_path};
 use crate::engine::schema::{FieldPath, Role, RoleField};
 use crate::engine::source::{Finding, Findings, Place, Sources, did_you_mean, without_dots};
-use crate::engine::stage::AnyStage;
+use crate::engine::stage::{AnyStage, Part};
 use crate::engine::yaml::{Node, Value};
 
 /// `--only` and `--force` as written.
@@ -181,6 +181,7 @@ fn stage_nodes(world: &World<'_, '_>, resolved: &Resolved, typed: &[Option<Typed
                 version: kind.version,
                 about: entry.about.clone(),
                 resources: entry.resources,
+                split: entry.split,
                 place: (escape(&world.sources.get(entry.place.file).shown), entry.place.line as usize),
                 axes: resolved.stages[index].as_ref()?.relation.axes.iter().map(|axis| world.axes[*axis].name.clone()).collect(),
                 results: typed[index].as_ref()?.results.clone(),
@@ -234,6 +235,12 @@ struct Layout<'a, 'r, 's> {
     files: FileCheck,
 }
 
+/// A job with its parts, which have no place among the jobs yet, and how many of its prefixes hold each.
+struct Divided {
+    whole: JobNode,
+    parts: Vec<(JobNode, usize)>,
+}
+
 /// The rows of a target by the values on the axes that it shares with its user.
 struct Grouped<'l> {
     port: usize,
@@ -250,21 +257,37 @@ impl<'r> Layout<'_, 'r, '_> {
         let inputs = placed.ports.iter().enumerate().flat_map(|(port, declared)| declared.links.iter().map(move |link| (port, link)));
         let grouped: Vec<Grouped<'_>> = inputs.map(|(port, link)| self.grouped(port, link)).collect::<Option<_>>()?;
         let rows = placed.relation.rows();
-        self.first_job[stage] = self.jobs.len();
+        let mut jobs = Vec::with_capacity(rows.len());
         for row in &rows {
             if findings.is_full() {
                 return None;
             }
-            if let Some(job) = self.job(stage, draft, placed, typed, &grouped, row, findings) {
-                self.jobs.push(job);
-            }
+            jobs.extend(self.job(stage, draft, placed, typed, &grouped, row, findings));
         }
         // Jobs are numbered by rows; after a mistake there is no graph to number.
-        if self.jobs.len() < self.first_job[stage] + rows.len() {
+        if jobs.len() < rows.len() {
             return None;
         }
+        self.add(stage, jobs);
         self.rows[stage] = rows;
         Some(())
+    }
+
+    /// Adds the jobs of a stage: first the parts of all of them, so that the jobs stand in the order of rows.
+    fn add(&mut self, stage: usize, jobs: Vec<Divided>) {
+        let first_part = self.jobs.len();
+        let first_job = first_part + jobs.iter().map(|job| job.parts.len()).sum::<usize>();
+        let mut wholes = Vec::with_capacity(jobs.len());
+        for (row, Divided { mut whole, parts }) in jobs.into_iter().enumerate() {
+            let count = parts.len();
+            for (index, (part, within)) in parts.into_iter().enumerate() {
+                whole.parts.push(PartNode { job: self.jobs.len(), within });
+                self.jobs.push(JobNode { part_of: Some(PartOf { whole: first_job + row, number: index + 1, count }), ..part });
+            }
+            wholes.push(whole);
+        }
+        self.first_job[stage] = first_job;
+        self.jobs.extend(wholes);
     }
 
     fn grouped<'l>(&self, port: usize, link: &'l Link) -> Option<Grouped<'l>> {
@@ -291,7 +314,7 @@ impl<'r> Layout<'_, 'r, '_> {
         grouped: &[Grouped<'_>],
         row: &Row,
         findings: &mut Findings,
-    ) -> Option<JobNode> {
+    ) -> Option<Divided> {
         let world = self.world;
         let index_of = |axis: usize| placed.relation.axes.iter().position(|own| *own == axis).map_or(0, |position| row[position] as usize);
         let node = if draft.own_axes.is_empty() { draft.base.clone() } else { draft.template.at(&world.axes, &index_of) };
@@ -320,23 +343,50 @@ impl<'r> Layout<'_, 'r, '_> {
         let shown_file = |field: &RoleField| recorded(field).map_or_else(|| self.shown_file(&field.node), |input| json!(input.shown));
         let shown = reads_files.then(|| self.described(draft, parameters.clone(), &roles, seed, shown_file));
         let canonical = self.described(draft, parameters, &roles, seed, in_key);
-        let prefixes = instance.prefixes().into_iter().map(|prefix| self.described(draft, prefix, &roles, seed, in_key)).collect();
+        let prefixes =
+            |of: &dyn AnyStage| of.prefixes().into_iter().map(|prefix| self.described(draft, prefix, &roles, seed, in_key)).collect();
         let shown = shown.unwrap_or_else(|| canonical.clone());
         let is_selected = |selections: &[Selection]| selections.iter().any(|one| one.stage == stage && one.takes(&placed.relation, row));
-        Some(JobNode {
+        let (files, is_forced) = (self.files_of(&roles), is_selected(&self.targets.force));
+        let part = |part: Part<Box<dyn AnyStage>>| {
+            let canonical = self.described(draft, part.parameters.parameters(), &roles, seed, in_key);
+            let node = JobNode {
+                stage,
+                coordinate: coordinate.clone(),
+                prefixes: prefixes(part.parameters.as_ref()),
+                parameters: part.parameters,
+                shown: canonical.clone(),
+                canonical,
+                inputs: inputs.clone(),
+                files: files.clone(),
+                seed,
+                publications: Vec::new(),
+                parts: Vec::new(),
+                part_of: None,
+                is_wanted: false,
+                is_forced,
+            };
+            (node, part.within)
+        };
+        let parts = world.document.stages[stage].split.map(|count| instance.parts(count)).unwrap_or_default();
+        let parts = parts.into_iter().map(part).collect();
+        let whole = JobNode {
             stage,
-            coordinate,
-            prefixes,
+            prefixes: prefixes(instance.as_ref()),
             parameters: instance,
             canonical,
             shown,
             inputs,
-            files: self.files_of(&roles),
+            files,
             seed,
             publications,
+            parts: Vec::new(),
+            part_of: None,
             is_wanted: !self.targets.is_partial || is_selected(&self.targets.only),
-            is_forced: is_selected(&self.targets.force),
-        })
+            is_forced,
+            coordinate,
+        };
+        Some(Divided { whole, parts })
     }
 
     fn type_of_job(

@@ -443,7 +443,12 @@ fn excluded_values(world: &World<'_, '_>, key: &str, place: Place, node: &Node, 
 
 /// The number of jobs against the limit, before anything is expanded.
 fn check_count(world: &World<'_, '_>, stages: &[Option<Placed>], findings: &mut Findings) {
-    let counts = || stages.iter().enumerate().filter_map(|(stage, placed)| Some((stage, placed.as_ref()?.relation.count())));
+    let with_parts =
+        |stage: usize, count: u128| count.checked_mul(world.document.stages[stage].split.map_or(1, |parts| 1 + u128::from(parts.get())));
+    let count = |(stage, placed): (usize, &Option<Placed>)| {
+        Some((stage, placed.as_ref()?.relation.count().and_then(|count| with_parts(stage, count))))
+    };
+    let counts = || stages.iter().enumerate().filter_map(count);
     let total = counts().try_fold(0_u128, |sum, (_, count)| sum.checked_add(count?));
     if total.is_some_and(|total| total <= u128::from(world.limit)) {
         return;

@@ -64,7 +64,7 @@ pub struct Assignment {
     pub keep_going: bool,
     /// What the classes of workers have, by number.
     pub classes: Vec<Resources>,
-    /// Jobs of the run.
+    /// Jobs of the run, with the parts of those that have to be computed.
     pub jobs: usize,
     /// Those that were in the store when it was planned.
     pub hits: usize,
@@ -72,7 +72,7 @@ pub struct Assignment {
 
 /// Identity of a plan: equal for those who are to compute the same jobs in the same store.
 ///
-/// Over the recipes of the wanted jobs, which hold all that their results depend on. What is published, forced or in the
+/// Over the recipes of the wanted jobs, which hold all that their results depend on, and into what they are split. What is published, forced or in the
 /// store already does not matter to it.
 pub fn plan_digest(graph: &Graph, plan: &Plan, places: &Places, keep_going: bool) -> Digest {
     let store = std::path::absolute(&places.store).unwrap_or_else(|_| places.store.clone());
@@ -80,7 +80,8 @@ pub fn plan_digest(graph: &Graph, plan: &Plan, places: &Places, keep_going: bool
     for (node, planned) in graph.jobs.iter().zip(&plan.jobs) {
         if let Some(planned) = planned {
             text.extend(planned.recipe.0);
-            text.extend(line(&graph.stages[node.stage].resources).bytes());
+            let stage = &graph.stages[node.stage];
+            text.extend(line(&(stage.resources, stage.split)).bytes());
         }
     }
     Digest::of(&text)
@@ -91,6 +92,7 @@ impl Assignment {
     pub fn new(graph: &Graph, plan: &Plan, digest: Digest, request: &Request, places: &Places, keep_going: bool) -> Self {
         let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let wanted = plan.jobs.iter().flatten();
+        let parts = graph.jobs.iter().zip(&plan.jobs).filter(|(_, planned)| planned.as_ref().is_some_and(|job| job.record.is_none()));
         Self {
             schema: SCHEMA.into(),
             pipeline: graph.pipeline.clone(),
@@ -109,7 +111,7 @@ impl Assignment {
             may_share_store: places.may_share_store,
             keep_going,
             classes: classes(graph),
-            jobs: wanted.clone().count(),
+            jobs: wanted.clone().count() + parts.map(|(node, _)| node.parts.len()).sum::<usize>(),
             hits: wanted.filter(|job| job.record.is_some()).count(),
         }
     }

@@ -117,6 +117,19 @@ impl Window {
         Self { x0: 0, y0: 0, x1: resolution[0], y1: resolution[1] }
     }
 
+    /// Its rows in so many bands of about equal height, or as many as there are rows.
+    pub fn bands(&self, count: u32) -> impl Iterator<Item = Self> {
+        let (window, rows) = (*self, self.y1 - self.y0);
+        let count = count.min(rows);
+        let edge = move |band: u32| window.y0 + (u64::from(rows) * u64::from(band) / u64::from(count)) as u32;
+        (0..count).map(move |band| Self { y0: edge(band), y1: edge(band + 1), ..window })
+    }
+
+    /// Whether that window lies inside of this one.
+    pub fn holds(&self, window: &Self) -> bool {
+        window.x0 >= self.x0 && window.y0 >= self.y0 && window.x1 <= self.x1 && window.y1 <= self.y1
+    }
+
     /// Columns.
     pub fn width(&self) -> usize {
         (self.x1 - self.x0) as usize
@@ -188,55 +201,112 @@ pub struct Film {
     pub refused: Refused,
 }
 
-/// Why two parts of a film do not make one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum FilmError {
-    /// Different windows, or blocks that are not the two halves of a larger one.
-    #[error("the parts are not two halves of one block of samples of the same pixels")]
-    NotHalves,
-    /// Windows or blocks that do not fit.
-    #[error("the parts do not cover the window once with the same samples")]
-    NotTiles,
+/// Puts parts of a film together: bands of rows from the first to the last, and of each band blocks of samples from the first
+/// to the last.
+#[derive(Debug)]
+pub struct Assembly {
+    /// What is to be made; its sums are those of finished bands.
+    whole: Film,
+    /// Rows that are finished.
+    finished: u32,
+    /// Nodes of the tree of samples of the band in work, the one of the first samples first.
+    nodes: Vec<Film>,
+}
+
+impl Assembly {
+    /// Nothing is there yet.
+    pub fn new(window: Window, block: Block, replicates: u32) -> Self {
+        let sums = vec![Sums::default(); window.pixel_count() * replicates as usize];
+        let whole = Film { window, block, replicates, sums, refused: Refused::default() };
+        Self { whole, finished: window.y0, nodes: Vec::new() }
+    }
+
+    /// Takes the next part; false for one that it does not expect.
+    #[must_use]
+    pub fn take(&mut self, part: Film) -> bool {
+        if !self.expects(&part) {
+            return false;
+        }
+        let mut node = part;
+        while self.nodes.last().is_some_and(|last| last.is_half_beside(&node)) {
+            let mut left = self.nodes.pop().expect("the loop has looked");
+            left.add_following(&node);
+            node = left;
+        }
+        self.nodes.push(node);
+        if self.next_index() == self.whole.block.first + self.whole.block.count {
+            self.finish_band();
+        }
+        true
+    }
+
+    /// The film, if every pixel has all its samples.
+    pub fn finish(self) -> Option<Film> {
+        (self.finished == self.whole.window.y1).then_some(self.whole)
+    }
+
+    /// Index of the first sample that the band in work does not have.
+    fn next_index(&self) -> u32 {
+        self.nodes.last().map_or(self.whole.block.first, |last| last.block.first + last.block.count)
+    }
+
+    /// Whether a part goes on where the last one ended.
+    pub fn expects(&self, part: &Film) -> bool {
+        let Film { window, block, replicates, .. } = self.whole;
+        let goes_on = match self.nodes.last() {
+            Some(last) => part.window == last.window,
+            None => part.window.y0 == self.finished && part.window.y0 < part.window.y1,
+        };
+        let is_band = (part.window.x0, part.window.x1) == (window.x0, window.x1) && window.holds(&part.window);
+        let has_sums = part.sums.len() == part.window.pixel_count() * replicates as usize;
+        let follows = part.block.first == self.next_index() && part.block.count <= block.first + block.count - part.block.first;
+        goes_on && is_band && has_sums && follows && part.replicates == replicates
+    }
+
+    /// Adds the chain of nodes from the smallest, which has the last samples, and puts the band in its place.
+    fn finish_band(&mut self) {
+        let mut nodes = std::mem::take(&mut self.nodes).into_iter().rev();
+        let Some(smallest) = nodes.next() else { return };
+        let band = nodes.fold(smallest, |right, mut left| {
+            left.add_following(&right);
+            left
+        });
+        let place = (band.window.y0 - self.whole.window.y0) as usize * self.whole.window.width() * self.whole.replicates as usize;
+        self.whole.sums[place..][..band.sums.len()].copy_from_slice(&band.sums);
+        self.whole.refused = self.whole.refused.plus(band.refused);
+        self.finished = band.window.y1;
+    }
 }
 
 impl Film {
-    /// The sum of two sibling blocks of one size.
-    pub fn followed_by(&self, right: &Self) -> Result<Self, FilmError> {
-        let count = self.block.count;
-        let are_halves = count.is_power_of_two() && right.block.count == count && self.block.first.is_multiple_of(2 * count);
-        let are_alike = self.window == right.window && self.replicates == right.replicates;
-        if !are_halves || !are_alike || right.block.first != self.block.first + count {
-            return Err(FilmError::NotHalves);
+    /// The part of it that is seen through a window; `None` where the window is larger, or samples were refused, whose pixels
+    /// are not known.
+    pub fn cropped(&self, window: Window) -> Option<Self> {
+        let has_refused = self.refused.count > 0 && self.window != window;
+        if !self.window.holds(&window) || has_refused {
+            return None;
         }
-        let sums = self.sums.iter().zip(&right.sums).map(|(left, right)| left.plus(right)).collect();
-        let block = Block { first: self.block.first, count: 2 * count };
-        Ok(Self { window: self.window, block, replicates: self.replicates, sums, refused: self.refused.plus(right.refused) })
+        let replicates = self.replicates as usize;
+        let per_row = window.width() * replicates;
+        let row = |y: u32| {
+            let place = (y - self.window.y0) as usize * self.window.width() + (window.x0 - self.window.x0) as usize;
+            &self.sums[place * replicates..][..per_row]
+        };
+        let sums = (window.y0..window.y1).flat_map(row).copied().collect();
+        Some(Self { window, sums, ..*self })
     }
 
-    /// Windows of the same samples put together to one.
-    pub fn from_tiles(window: Window, tiles: &[Self]) -> Result<Self, FilmError> {
-        let first = tiles.first().ok_or(FilmError::NotTiles)?;
-        let replicates = first.replicates as usize;
-        let mut sums = vec![Sums::default(); window.pixel_count() * replicates];
-        let mut covered = 0;
-        let mut refused = Refused::default();
-        for tile in tiles {
-            let Window { x0, y0, x1, y1 } = tile.window;
-            let is_inside = x0 >= window.x0 && y0 >= window.y0 && x1 <= window.x1 && y1 <= window.y1;
-            if !is_inside || tile.block != first.block || tile.replicates != first.replicates {
-                return Err(FilmError::NotTiles);
-            }
-            for (row, values) in tile.sums.chunks(tile.window.width() * replicates).enumerate() {
-                let start = ((y0 - window.y0) as usize + row) * window.width() + (x0 - window.x0) as usize;
-                sums[start * replicates..][..values.len()].copy_from_slice(values);
-            }
-            covered += tile.window.pixel_count();
-            refused = refused.plus(tile.refused);
-        }
-        if covered != window.pixel_count() {
-            return Err(FilmError::NotTiles);
-        }
-        Ok(Self { window, block: first.block, replicates: first.replicates, sums, refused })
+    /// Adds the samples that follow: its own are the left branch of the tree, the others the right one.
+    fn add_following(&mut self, right: &Self) {
+        self.sums.iter_mut().zip(&right.sums).for_each(|(left, right)| *left = left.plus(right));
+        self.block.count += right.block.count;
+        self.refused = self.refused.plus(right.refused);
+    }
+
+    /// Whether that block is the other half of a node of the tree of samples.
+    fn is_half_beside(&self, right: &Self) -> bool {
+        let count = self.block.count;
+        count.is_power_of_two() && right.block.count == count && self.block.first.is_multiple_of(2 * count)
     }
 
     /// The picture, with the layers that are asked for.
@@ -386,14 +456,40 @@ mod tests {
         let value = |x: u32, y: u32, index: u32| samples[((y * 7 + x) * 64 + index) as usize % 4096];
         let window = Window::whole([7, 5]);
         let whole = film(window, Block { first: 0, count: 64 }, value);
-        let [a, b, c] = [(0, 32), (32, 16), (48, 16)].map(|(first, count)| film(window, Block { first, count }, value));
-        assert_eq!(a.followed_by(&b.followed_by(&c).unwrap()).unwrap(), whole);
-        assert_eq!(a.followed_by(&b).unwrap_err(), FilmError::NotHalves);
-        assert_eq!(c.followed_by(&b).unwrap_err(), FilmError::NotHalves);
-        let tile = |x0, y0, x1, y1| film(Window { x0, y0, x1, y1 }, Block { first: 0, count: 64 }, value);
-        let tiles = [tile(3, 0, 7, 2), tile(0, 0, 3, 2), tile(0, 2, 7, 5)];
-        assert_eq!(Film::from_tiles(window, &tiles).unwrap(), whole);
-        assert_eq!(Film::from_tiles(window, &tiles[1..]).unwrap_err(), FilmError::NotTiles);
+        let part = |y0, y1, first, count| film(Window { x0: 0, y0, x1: 7, y1 }, Block { first, count }, value);
+        let assembled = |parts: &[Film]| {
+            let mut assembly = Assembly::new(window, whole.block, 1);
+            parts.iter().all(|part| assembly.take(part.clone())).then(|| assembly.finish()).flatten()
+        };
+        let blocks = [part(0, 5, 0, 32), part(0, 5, 32, 16), part(0, 5, 48, 16)];
+        let bands = [part(0, 2, 0, 64), part(2, 5, 0, 64)];
+        let both = [part(0, 2, 0, 32), part(0, 2, 32, 32), part(2, 5, 0, 16), part(2, 5, 16, 16), part(2, 5, 32, 32)];
+        assert_eq!(assembled(&blocks).unwrap(), whole);
+        assert_eq!(assembled(&bands).unwrap(), whole);
+        assert_eq!(assembled(&both).unwrap(), whole);
+        assert_eq!(bands[1], whole.cropped(bands[1].window).unwrap());
+        assert_eq!(bands[1].cropped(window), None);
+        // Something is missing, stands twice or in the wrong order.
+        for wrong in
+            [&blocks[1..], &blocks[..2], &bands[1..], &both[..4], &[&bands[..1], &bands].concat(), &[&blocks[..2], &bands].concat()]
+        {
+            assert_eq!(assembled(wrong), None);
+        }
+    }
+
+    #[test]
+    fn any_count_of_samples_is_assembled_from_blocks_of_any_size() {
+        let samples = samples(300);
+        let window = Window::whole([1, 1]);
+        let block = |first: u32, count: u32| film(window, Block { first, count }, |_, _, index| samples[index as usize]);
+        for count in [1, 2, 3, 5, 37, 64, 100, 255, 256, 300] {
+            for size in [1, 2, 16, 32, 128].into_iter().filter(|size| *size <= count) {
+                let mut assembly = Assembly::new(window, Block { first: 0, count }, 1);
+                let starts = (0..count).step_by(size as usize);
+                starts.for_each(|first| assert!(assembly.take(block(first, size.min(count - first)))));
+                assert_eq!(assembly.finish().unwrap(), block(0, count), "{count} by {size}");
+            }
+        }
     }
 
     fn of_colors(colors: &[f32], replicates: u32) -> Film {
