@@ -155,7 +155,8 @@ impl ComplexIndex {
         let a = square_root(((sum + difference) * 0.5).max(Vec3::ZERO));
         let s_even = sum + c2;
         let s_odd = 2.0 * c * a;
-        let p_even = c2 * sum + s2 * s2;
+        // An index of nothing reflects all, along the normal too.
+        let p_even = c2 * sum + s2 * s2 + f32::MIN_POSITIVE;
         let p_odd = s_odd * s2;
         // (Rs + Rs Rp') / 2 = Rs p_even / (p_even + p_odd), one division for both.
         (s_even - s_odd) * p_even / ((s_even + s_odd) * (p_even + p_odd))
@@ -168,7 +169,7 @@ impl ComplexIndex {
         let sum = self.eta * self.eta + self.k * self.k;
         let odd = 2.0 * c * self.eta;
         let ratio = |even: Vec3| (even - odd) / (even + odd);
-        (ratio(sum + c * c) + ratio(sum * (c * c) + 1.0)) * 0.5
+        (ratio(sum + c * c + f32::MIN_POSITIVE) + ratio(sum * (c * c) + 1.0)) * 0.5
     }
 }
 
@@ -200,6 +201,16 @@ mod tests {
                     let found = metal.index(spectrum).reflectance(1.0, fresnel);
                     assert!((found - Vec3::from_array(expected)).abs().max_element() < 2e-5, "{metal:?} {spectrum:?}: {found}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn an_index_of_nothing_reflects_all() {
+        let nothing = ComplexIndex { eta: Vec3::ZERO, k: Vec3::ZERO };
+        for fresnel in [ConductorFresnel::Exact, ConductorFresnel::Approximate] {
+            for cosine in [0.0, 1e-20, 1e-3, 0.5, 1.0 - f32::EPSILON, 1.0] {
+                assert_eq!(nothing.reflectance(cosine, fresnel), Vec3::ONE, "{fresnel:?} {cosine}");
             }
         }
     }
