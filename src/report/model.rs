@@ -637,7 +637,7 @@ fn jobs(manifest: &Manifest, results: &Results<'_>, links: &Links) -> Vec<Json> 
         add("parameters", job.parameters.clone(), parameters);
         add("seed", json!(job.seed), job.seed.is_some());
         add("key", json!(job.key), job.key.is_some());
-        add("time", json!(job.measured.as_ref().map(|measured| seconds_text(measured.seconds))), job.measured.is_some());
+        add("time", json!(time_text(job)), job.measured.is_some());
         add("inputs", job.inputs.iter().map(input).collect(), !job.inputs.is_empty());
         let read = job.files.iter().map(|file| json!([file.parameter, file.path, file.sha256]));
         add("read", read.collect(), !job.files.is_empty());
@@ -696,6 +696,16 @@ fn stage_jobs(stage: &str, jobs: &[usize], manifest: &Manifest) -> StageJobs {
         outcomes: outcomes.join(", "),
         seconds: seconds_text(entries().map(time).sum()),
         rows: jobs.iter().map(row).collect(),
+    }
+}
+
+/// What a job took, and what its parts took.
+fn time_text(job: &JobEntry) -> String {
+    let own = job.measured.as_ref().map_or(0.0, |measured| measured.seconds);
+    let of_parts: Vec<f64> = job.parts.iter().filter_map(|part| Some(part.measured.as_ref()?.seconds)).collect();
+    match of_parts.len() {
+        0 => seconds_text(own),
+        count => format!("{}, and {} in {count} parts", seconds_text(own), seconds_text(of_parts.iter().sum())),
     }
 }
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::overview::{percent_text, seconds_text};
 use super::results::{input_jobs, job_places};
-use crate::engine::manifest::{JobEntry, Manifest, Outcome, place_text};
+use crate::engine::manifest::{JobEntry, JobMeasured, Manifest, Outcome, place_text};
 
 /// Colors of kinds that the style sheet has; further kinds share the last one.
 const COLORS: usize = 8;
@@ -100,21 +100,40 @@ pub fn timing(manifest: &Manifest) -> Timing {
         path: links,
         path_seconds: seconds_text(path_seconds),
         path_left_out: left_out,
-        work_seconds: seconds_text(jobs.iter().map(seconds).sum()),
+        work_seconds: seconds_text(jobs.iter().map(work).sum()),
     }
 }
 
-/// What a job took in this run.
+/// A job and its parts, as far as they ran in this run.
+fn runs(job: &JobEntry) -> impl Iterator<Item = &JobMeasured> {
+    let parts = job.parts.iter().map(|part| (part.outcome, &part.measured));
+    parts
+        .chain([(job.outcome, &job.measured)])
+        .filter(|(outcome, _)| *outcome == Outcome::Ran)
+        .filter_map(|(_, measured)| measured.as_ref())
+}
+
+/// What a job and its parts took in this run.
+fn work(job: &JobEntry) -> f64 {
+    runs(job).map(|run| run.seconds).sum()
+}
+
+/// The least time in which a job could be done: its parts at once, then itself.
 fn seconds(job: &JobEntry) -> f64 {
-    let is_of_this_run = job.outcome == Outcome::Ran;
-    job.measured.as_ref().filter(|_| is_of_this_run).map_or(0.0, |measured| measured.seconds)
+    let own = job.measured.as_ref().filter(|_| job.outcome == Outcome::Ran).map_or(0.0, |measured| measured.seconds);
+    own + job
+        .parts
+        .iter()
+        .filter(|part| part.outcome == Outcome::Ran)
+        .filter_map(|part| Some(part.measured.as_ref()?.seconds))
+        .fold(0.0, f64::max)
 }
 
 fn kinds(jobs: &[JobEntry]) -> Vec<KindTime> {
     let mut sums: BTreeMap<&str, (usize, f64)> = BTreeMap::new();
     for job in jobs.iter().filter(|job| job.outcome == Outcome::Ran) {
         let sum = sums.entry(&job.kind).or_default();
-        *sum = (sum.0 + 1, sum.1 + seconds(job));
+        *sum = (sum.0 + 1, sum.1 + work(job));
     }
     let mut sums: Vec<_> = sums.into_iter().collect();
     sums.sort_by(|(_, one), (_, other)| other.1.total_cmp(&one.1));
@@ -160,18 +179,21 @@ struct Bar {
     color: usize,
     job: usize,
     count: usize,
+    /// What it took.
+    seconds: f64,
 }
 
-/// One row a thread, one bar a job; in parts of the run from 0 to 1000.
+/// One row a thread, one bar a job or a part of one; in parts of the run from 0 to 1000.
 fn time_line(manifest: &Manifest, colors: &HashMap<&str, usize>) -> (String, usize) {
     let total = manifest.measured.seconds.max(f64::MIN_POSITIVE);
     let mut rows: BTreeMap<u32, Vec<Bar>> = BTreeMap::new();
     for (index, job) in manifest.jobs.iter().enumerate() {
-        let Some(measured) = job.measured.as_ref().filter(|_| job.outcome == Outcome::Ran) else { continue };
-        let (Some(start), Some(thread)) = (measured.start, measured.thread) else { continue };
         let color = colors.get(job.kind.as_str()).copied().unwrap_or(0);
-        let end = (start + measured.seconds) / total;
-        rows.entry(thread).or_default().push(Bar { start: start / total, end, color, job: index, count: 1 });
+        for JobMeasured { start, thread, seconds, .. } in runs(job) {
+            let (Some(start), Some(thread)) = (start, thread) else { continue };
+            let end = (start + seconds) / total;
+            rows.entry(*thread).or_default().push(Bar { start: start / total, end, color, job: index, count: 1, seconds: *seconds });
+        }
     }
     let mut drawing = String::new();
     for (row, bars) in rows.values_mut().enumerate() {
@@ -182,7 +204,7 @@ fn time_line(manifest: &Manifest, colors: &HashMap<&str, usize>) -> (String, usi
             let job = &manifest.jobs[bar.job];
             let name = place_text(&job.stage, &job.coordinate);
             let text = if bar.count == 1 {
-                format!("{name}: {}", seconds_text(seconds(job)))
+                format!("{name}: {}", seconds_text(bar.seconds))
             } else {
                 format!("{} short jobs, the first is {name}", bar.count)
             };
@@ -222,6 +244,7 @@ fn rounded(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::manifest::PartEntry;
     use crate::report::model::tests::job;
 
     #[test]
@@ -231,6 +254,15 @@ mod tests {
         assert_eq!(critical_path(&jobs), [0, 1, 3]);
         assert_eq!(critical_path(&jobs[4..]), [0]);
         assert!(critical_path(&[]).is_empty());
+    }
+
+    #[test]
+    fn parts_are_work_of_their_whole() {
+        let mut whole = job("a", &[], 0.5);
+        let part = |number, outcome, seconds| PartEntry { number, key: None, outcome, measured: job("p", &[], seconds).measured };
+        whole.parts = vec![part(1, Outcome::Ran, 4.0), part(2, Outcome::Hit, 9.0), part(3, Outcome::Ran, 2.0)];
+        assert_eq!((work(&whole), seconds(&whole)), (6.5, 4.5));
+        assert_eq!(kinds(&[whole])[0].jobs, 1);
     }
 
     #[test]
