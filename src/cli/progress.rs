@@ -107,7 +107,11 @@ impl Progress {
                     self.screen.say(&format!("waits for {}, which {} computes\n", escape(job), escape(owner)));
                 }
             }
-            Event::Published { .. } | Event::Warning { .. } | Event::Ended { .. } => {}
+            Event::Waiting { workers, reason } if self.painter.is_none() => {
+                let wait = if *workers == 1 { "worker waits" } else { "workers wait" };
+                self.screen.say(&format!("{workers} {wait} to be started: {}\n", escape(reason)));
+            }
+            Event::Waiting { .. } | Event::Published { .. } | Event::Warning { .. } | Event::Ended { .. } => {}
         }
     }
 

@@ -43,6 +43,13 @@ pub enum Event {
         /// The other run's process.
         owner: String,
     },
+    /// No worker is at work, and those that were asked for are not started yet.
+    Waiting {
+        /// How many there are.
+        workers: usize,
+        /// Why, in the words of the scheduler.
+        reason: String,
+    },
     /// A job has its result, or will not have one.
     Finished {
         /// `stage[axis=value,…]`.

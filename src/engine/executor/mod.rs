@@ -81,6 +81,8 @@ pub struct Present {
     pub name: String,
     /// Its class; none for one that takes any job.
     pub class: Option<usize>,
+    /// Why it has not begun yet, in the words of whoever is to start it.
+    pub waits_for: Option<String>,
 }
 
 /// Why workers cannot be started or ended.

@@ -62,7 +62,7 @@ impl Processes {
                 && owner.is_in_sight()
                 && !self.children.iter().any(|(present, _)| present.name == name)
             {
-                self.strangers.push((Present { name, class }, owner));
+                self.strangers.push((Present { name, class, waits_for: None }, owner));
             }
         }
         self.strangers.retain(|(_, owner)| owner.is_alive());
@@ -85,7 +85,7 @@ impl Executor for Processes {
                 message: format!("cannot start `{}`: {error}", self.terms.program.display()),
                 hint: None,
             })?;
-            self.children.push((Present { name, class: Some(class.number) }, child));
+            self.children.push((Present { name, class: Some(class.number), waits_for: None }, child));
         }
         Ok(())
     }

@@ -149,7 +149,9 @@ impl Queued {
     }
 
     fn present(&self) -> Present {
-        Present { name: format!("slurm-{}_{}", self.job, self.task), class: self.class }
+        // Slurm has not looked at it yet where its reason is `None`.
+        let waits_for = (self.state == "PENDING" && self.reason != "None").then(|| self.reason.clone());
+        Present { name: format!("slurm-{}_{}", self.job, self.task), class: self.class, waits_for }
     }
 }
 
@@ -195,7 +197,9 @@ mod tests {
     #[test]
     fn a_line_of_the_queue_is_a_worker_unless_it_has_no_future() {
         let queued = Queued::parse("17|3|class-1|RUNNING|None").unwrap();
-        assert_eq!(queued.present(), Present { name: "slurm-17_3".into(), class: Some(1) });
+        assert_eq!(queued.present(), Present { name: "slurm-17_3".into(), class: Some(1), waits_for: None });
+        let pending = Queued::parse("17|4|class-1|PENDING|Nodes required for job are DOWN, DRAINED or reserved").unwrap();
+        assert_eq!(pending.present().waits_for.unwrap(), "Nodes required for job are DOWN, DRAINED or reserved");
         assert!(queued.is_there());
         for (line, is_there) in [
             ("17|3|class-1|PENDING|Resources", true),

@@ -70,6 +70,9 @@ impl Scheduler<'_> {
             self.interrupted_at.get_or_insert_with(Instant::now);
             self.is_stopping = true;
         }
+        if let Some((workers, reason)) = news.waiting {
+            self.listener.notify(&Event::Waiting { workers, reason });
+        }
         for (key, host) in news.begun {
             self.tell_begun(&key, &host);
         }

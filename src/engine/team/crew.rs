@@ -94,6 +94,14 @@ impl Crew {
         (board.demand, board.done, board.silent) = (demand, done, silent);
     }
 
+    /// How many workers there are and why the first of them has not begun, if none has.
+    pub fn waiting(&self) -> Option<(usize, String)> {
+        let board = self.board.lock().expect(NO_PANIC);
+        let reasons: Option<Vec<&String>> = board.present.iter().map(|worker| worker.waits_for.as_ref()).collect();
+        let reasons = reasons?;
+        Some((reasons.len(), (*reasons.first()?).clone()))
+    }
+
     /// Why there will be no workers, if so.
     pub fn problem(&self) -> Option<ExecutorError> {
         self.board.lock().expect(NO_PANIC).problem.clone()

@@ -50,6 +50,8 @@ pub struct News {
     pub is_cancelled: bool,
     /// Awaited jobs that were begun, with the machine.
     pub begun: Vec<(Digest, String)>,
+    /// How many workers wait and for what, if none is at work and that was not told yet.
+    pub waiting: Option<(usize, String)>,
 }
 
 /// The driver's view of its workers.
@@ -71,6 +73,8 @@ pub struct Overseer {
     announced: BTreeSet<Digest>,
     /// What was read and is not told yet.
     unheard: News,
+    /// What was told last of workers that wait.
+    told_waiting: Option<(usize, String)>,
     next_look: Instant,
     next_sweep: Instant,
 }
@@ -101,6 +105,7 @@ impl Overseer {
             ready: vec![0; assignment.classes.len()],
             announced: BTreeSet::new(),
             unheard: News::default(),
+            told_waiting: None,
             next_look: now,
             next_sweep: now + SWEEP,
         })
@@ -160,6 +165,8 @@ impl Overseer {
         let failed = self.folder.failed_keys();
         news.failed = failed.iter().filter(|key| self.awaited.contains_key(*key)).filter_map(|key| self.folder.failure(key)).collect();
         news.is_cancelled = self.folder.ordered_end() == Some(Ending::Now);
+        news.waiting = self.crew.waiting().filter(|waiting| self.told_waiting.as_ref() != Some(waiting));
+        self.told_waiting = news.waiting.clone().or(self.told_waiting.take());
         news.perhaps_done = self.announced.iter().copied().collect();
         if begun >= self.next_sweep {
             news.perhaps_done = self.awaited.keys().copied().collect();
