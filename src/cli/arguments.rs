@@ -94,7 +94,7 @@ pub struct PipelineArguments {
     /// Set a parameter
     #[arg(short = 's', long = "set", value_name = "NAME=VALUE", value_parser = pair)]
     pub set: Vec<(String, String)>,
-    /// Set the values of an axis
+    /// Set the values of an axis: `n=16,64`, or `'run={ range: [1, 12, 1] }'`
     #[arg(short = 'a', long = "axis", value_name = "AXIS=VALUE,…", value_parser = pair)]
     pub axis: Vec<(String, String)>,
     /// The seed of stages that set none
@@ -231,7 +231,7 @@ fn trusted_keys(text: &str) -> Result<TrustedKeys, String> {
 /// How much to say.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct TalkArguments {
-    /// Say nothing but errors
+    /// Say nothing but errors, and the path of the result
     #[arg(short, long, conflicts_with = "verbose")]
     pub quiet: bool,
     /// Say more

@@ -285,7 +285,12 @@ impl<'r> Reader<'_, 'r> {
         };
         let Value::Map(entries) = &entry.node.value else {
             let message = format!("a stage is a map with one kind, found {}", entry.node.described());
-            let hint = Some("write for example `{ load: { path: map.exr } }`".to_owned());
+            let hint = if entry.node.is_null() {
+                "its kind stands below its name, further to the right"
+            } else {
+                "write for example `{ load: { path: map.exr } }`"
+            };
+            let hint = Some(hint.to_owned());
             let place = if entry.node.is_null() { entry.place } else { entry.node.place };
             self.findings.add(Finding::error(place, message).in_stage(&name).with_hint(hint));
             return stage;

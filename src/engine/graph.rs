@@ -91,6 +91,8 @@ pub struct JobNode {
     pub files: Vec<(String, PathBuf)>,
     /// The seed it draws with; `None` if it does not draw.
     pub seed: Option<u64>,
+    /// Whether that is of its stage and not the pipeline's.
+    pub has_own_seed: bool,
     /// What is published, in order.
     pub publications: Vec<Publication>,
     /// The jobs before it that compute it in parts, if it has to be computed.

@@ -207,6 +207,10 @@ fn set_axis(name: &str, text: &str, file: u32, document: &mut Document<'_>, find
     if text.trim().is_empty() {
         return Err((format!("axis {} is given no values", quoted(name)), Some(format!("write `-a {name}=value,value`"))));
     }
+    if let Some([from, to]) = range_of(text) {
+        let hint = format!("a range is written `-a '{name}={{ range: [{from}, {to}, 1] }}'`");
+        return Err((format!("axis {} has no value {}", quoted(name), quoted(text)), Some(hint)));
+    }
     let place = Place::of_file(file);
     let declared = document.axes[index].node.clone();
     let value = if text.trim_start().starts_with(['{', '[']) {
@@ -221,6 +225,12 @@ fn set_axis(name: &str, text: &str, file: u32, document: &mut Document<'_>, find
     document.axes[index].node = Node::new(value, place);
     document.axes[index].place = place;
     Ok(())
+}
+
+/// The two integers of `1..12` or `1-12`, which other programs take for a range.
+fn range_of(text: &str) -> Option<[u64; 2]> {
+    let (from, to) = text.trim().split_once("..").or_else(|| text.trim().split_once('-'))?;
+    Some([from.trim().parse().ok()?, to.trim().trim_start_matches('=').parse().ok()?])
 }
 
 /// The entries of a map-valued axis that the command line names, by `name` or by index.

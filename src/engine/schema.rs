@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
 
-use super::diagnostic::{listed, quoted};
+use super::diagnostic::{escape, listed, quoted};
 use super::source::{Place, did_you_mean};
 use super::yaml::{Entry, Node, Value};
 use crate::catalogue::nearest;
@@ -542,7 +542,9 @@ impl<'s> Walker<'_, 's> {
     fn unknown(&mut self, entry: &Entry, properties: &Map<String, Json>, path: &FieldPath) {
         let names: Vec<&str> = properties.keys().map(String::as_str).collect();
         let owner = if path.0.is_empty() { format!("`{}`", self.rules.kind) } else { quoted(&path.to_string()) };
-        let hint = did_you_mean(nearest(&entry.key, names.iter().copied())).or_else(|| {
+        let glued = entry.key.split_once(':').filter(|(name, _)| names.contains(name));
+        let spaced = glued.map(|(name, value)| format!("a space belongs after the colon: `{name}: {}`", escape(value)));
+        let hint = spaced.or_else(|| did_you_mean(nearest(&entry.key, names.iter().copied()))).or_else(|| {
             let known = if names.is_empty() { "no parameters".to_owned() } else { quoted_list_and(&names) };
             Some(format!("{owner} takes {known}"))
         });
@@ -833,6 +835,7 @@ mod tests {
             ("count: .nan", "found `NaN`"),
             ("count: [64]", "found a list"),
             ("count: 1, mehtod: iid", "unknown parameter `mehtod` of `block`; did you mean `method`?"),
+            ("count: 1, seed:7", "unknown parameter `seed:7` of `block`; a space belongs after the colon: `seed: 7`"),
             ("count: 1, method: idi", "`method` has no choice `idi`; did you mean `iid`?"),
             ("count: 1, method: 3", "`method` must be `iid` or `rows-then-columns`, found `3`"),
             ("count: 1, methods: [iid, x]", "`methods[1]` has no choice `x`; it may be `iid` or `rows-then-columns`"),

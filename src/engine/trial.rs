@@ -284,6 +284,7 @@ fn job_node(trial: &TrialJob, stage: usize, jobs: &[TrialJob]) -> JobNode {
         inputs,
         files,
         seed: None,
+        has_own_seed: false,
         publications: trial.save.iter().map(publication).collect(),
         parts: Vec::new(),
         part_of: None,

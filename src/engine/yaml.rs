@@ -195,6 +195,27 @@ fn fatal(place: Place, message: impl Into<String>) -> Fatal {
     Box::new(Finding::error(place, message))
 }
 
+/// The bracket that is open before a line, as far as can be told without quoted text and comments, and its line.
+fn unclosed(text: &str, before: usize) -> Option<(char, usize)> {
+    let mut open = Vec::new();
+    for (index, line) in text.lines().enumerate().take(before.saturating_sub(1)) {
+        let mut quote = None;
+        let mut last = ' ';
+        for letter in line.chars() {
+            match (quote, letter) {
+                (Some(mark), _) => quote = quote.filter(|_| letter != mark),
+                (None, '"' | '\'') if !last.is_alphanumeric() => quote = Some(letter),
+                (None, '#') if last == ' ' => break,
+                (None, '{' | '[') => open.push((letter, index + 1)),
+                (None, '}' | ']') => drop(open.pop()),
+                _ => {}
+            }
+            last = letter;
+        }
+    }
+    open.pop()
+}
+
 fn too_deep(place: Place) -> Fatal {
     fatal(place, format!("nested deeper than the limit of {DEPTH_LIMIT} levels"))
 }
@@ -205,7 +226,7 @@ impl Builder<'_> {
         let mut root = None;
         let mut document_count = 0;
         while let Some(event) = parser.next_event() {
-            let (event, span) = event.map_err(|error| self.not_yaml(&error))?;
+            let (event, span) = event.map_err(|error| self.not_yaml(text, &error))?;
             let place = self.place(span);
             match event {
                 Event::DocumentStart(_) => {
@@ -222,14 +243,21 @@ impl Builder<'_> {
         Ok(root.unwrap_or_else(|| Node::new(Value::Null, Place::of_file(self.file))))
     }
 
-    fn not_yaml(&self, error: &ScanError) -> Fatal {
+    fn not_yaml(&self, text: &str, error: &ScanError) -> Fatal {
         let marker = error.marker();
         let place = Place { file: self.file, line: marker.line() as u32, column: marker.col() as u32 + 1, length: 1 };
         // The parser has a limit of its own, which it may meet while it looks ahead.
         if error.info().contains("recursion limit") {
             return too_deep(place);
         }
-        fatal(place, format!("not YAML: {}", super::diagnostic::escape(error.info())))
+        let hint = match error.info() {
+            info if info.contains("tabs") => Some("indent with spaces".to_owned()),
+            info if info.contains("flow") => {
+                unclosed(text, marker.line()).map(|(bracket, line)| format!("is the `{bracket}` of line {line} closed?"))
+            }
+            _ => None,
+        };
+        Box::new(Finding::error(place, format!("not YAML: {}", super::diagnostic::escape(error.info()))).with_hint(hint))
     }
 
     fn place(&self, span: Span) -> Place {
@@ -483,6 +511,14 @@ mod tests {
         ] {
             assert_eq!(described(text), expected, "{text}");
         }
+    }
+
+    #[test]
+    fn an_unclosed_bracket_is_found_where_it_was_opened() {
+        let text = "a: { b: [1, 2] }\nc: { d: \"}\", e: { f: 1 } # }\ng: 1\n";
+        assert_eq!(unclosed(text, 3), Some(('{', 2)));
+        assert_eq!(unclosed("a: 'it''s {'\nb: [1,\n  2\nc: d's\n", 4), Some(('[', 2)));
+        assert_eq!(unclosed("a: { b: 1 }\nc: 2\n", 2), None);
     }
 
     #[test]

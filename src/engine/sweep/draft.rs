@@ -233,7 +233,7 @@ impl FileCheck {
         }
         let text = node.text().unwrap_or_default();
         let via = node.via.as_ref().map(|via| format!(" (from {})", quoted(via))).unwrap_or_default();
-        let hint = nearest_file(text, node, sources);
+        let hint = nearest_file(text, node, sources).or_else(|| tried(text, node, sources));
         findings.add(Finding::error(node.place, format!("input file {}{via}: {problem}", quoted(text))).in_stage(stage).with_hint(hint));
     }
 }
@@ -253,6 +253,13 @@ fn verdict(path: &Path) -> Option<String> {
         Ok(metadata) if !metadata.is_file() => Some("is not a regular file".to_owned()),
         Ok(_) => File::open(path).err().map(|error| unreadable(&error)),
     }
+}
+
+/// The whole path, for a relative one: it counts from the folder of the file in which it stands.
+fn tried(text: &str, node: &Node, sources: &Sources) -> Option<String> {
+    let path = std::path::absolute(file_path(node, sources)?).ok()?;
+    let is_told = Path::new(text).is_absolute() || text.contains("://") || std::fs::symlink_metadata(&path).is_ok();
+    (!is_told).then(|| format!("looked for as {}", quoted(&path.to_string_lossy())))
 }
 
 /// Most files of a folder among which a similar name is looked for.

@@ -334,7 +334,8 @@ impl<'r> Layout<'_, 'r, '_> {
         let mut instance = instance?;
         self.type_of_job(stage, instance.as_mut(), placed, typed, findings)?;
         let inputs = self.inputs(placed, grouped, row);
-        let seed = instance.draws().then(|| own_seed(&roles).unwrap_or(world.document.seed));
+        let own_seed = own_seed(&roles);
+        let (seed, has_own_seed) = (instance.draws().then(|| own_seed.unwrap_or(world.document.seed)), own_seed.is_some());
         let publications = self.publications(stage, typed, &coordinate, findings);
         let parameters = instance.parameters();
         let in_key = |field: &RoleField| json!({ "file": field.path.to_string() });
@@ -360,6 +361,7 @@ impl<'r> Layout<'_, 'r, '_> {
                 inputs: inputs.clone(),
                 files: files.clone(),
                 seed,
+                has_own_seed,
                 publications: Vec::new(),
                 parts: Vec::new(),
                 part_of: None,
@@ -379,6 +381,7 @@ impl<'r> Layout<'_, 'r, '_> {
             inputs,
             files,
             seed,
+            has_own_seed,
             publications,
             parts: Vec::new(),
             part_of: None,

@@ -25,7 +25,7 @@ use super::reference::Selection;
 use super::registry::{Kind, Registry};
 use super::request::{self, InputPlace, RecordedInput, Request};
 use super::schema::Rules;
-use super::source::{Finding, Findings, Sources, did_you_mean};
+use super::source::{Finding, Findings, Place, Sources, did_you_mean};
 use super::substitution::Scope;
 use crate::catalogue::nearest;
 
@@ -61,7 +61,14 @@ fn built(registry: &Registry, request: &Request, sources: &mut Sources, findings
     if findings.error_count() > 0 {
         return None;
     }
-    expand::expand(&world, drafts, resolved, typed, targets, request, findings)
+    let graph = expand::expand(&world, drafts, resolved, typed, targets, request, findings)?;
+    if let Some(text) = request.seed.as_ref().filter(|_| graph.jobs.iter().all(|job| job.seed.is_none() || job.has_own_seed)) {
+        let message = "no stage draws with it: those that draw set a `seed` of their own";
+        let hint = "for other samples change the values of that `seed`, as by `-a AXIS=…` where it is an axis".to_owned();
+        let place = Place::of_file(sources.add_argument("--seed", text));
+        findings.add(Finding::warning(place, message).with_hint(Some(hint)));
+    }
+    Some(graph)
 }
 
 /// What all steps read.

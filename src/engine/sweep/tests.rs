@@ -431,6 +431,8 @@ fn wrong_arguments_are_named() {
         (Request { axes: pair("n", ""), ..base.clone() }, "-a n=: axis `n` is given no values"),
         (Request { axes: pair("n", "64,x"), ..base.clone() }, "-a n=64,x: stage `a`: `count` (from `$n`) must be an integer"),
         (Request { axes: pair("n", "4,4"), ..base.clone() }, "-a n=4,4: axis `n`: value `4` stands twice"),
+        (Request { axes: pair("n", "1..12"), ..base.clone() }, "hint: a range is written `-a 'n={ range: [1, 12, 1] }'`"),
+        (Request { axes: pair("n", "1-12"), ..base.clone() }, "-a n=1-12: axis `n` has no value `1-12`"),
         (Request { seed: Some("-1".into()), ..base.clone() }, "--seed -1: the seed must be an integer"),
         (Request { only: only("evn"), ..base.clone() }, "--only evn: there is no stage `evn`\nhint: did you mean `env`?"),
         (Request { only: only("a[n=7]"), ..base.clone() }, "--only a[n=7]: axis `n` has no value `7`"),
@@ -443,6 +445,20 @@ fn wrong_arguments_are_named() {
         let errors = space.build(&request).err().unwrap();
         assert!(errors.contains(expected), "{errors}");
     }
+}
+
+#[test]
+fn a_seed_that_reaches_no_stage_is_told() {
+    let warnings = |stages: &str| {
+        let space = Space::new(stages);
+        let request = Request { seed: Some("9".into()), ..space.request() };
+        render(&space.build(&request).unwrap_or_else(|errors| panic!("{errors}")).1, false)
+    };
+    let own = "axes: { run: [1, 2] }\nstages:\n  env: { source: { path: map.exr } }\n  a: { draw: { of: env, count: 4, seed: $run } }";
+    let found = warnings(own);
+    assert!(found.contains("--seed 9: no stage draws with it"), "{found}");
+    let reached = "stages:\n  env: { source: { path: map.exr } }\n  a: { draw: { of: env, count: 4 } }";
+    assert_eq!(warnings(reached), "");
 }
 
 #[test]
@@ -506,7 +522,7 @@ stages:
         ("same: { of: env }, exclude: [{ n: 4 }]", "the stage has no axis `n`"),
         ("same: { of: env }, save: pgn", "map cannot be saved in format `pgn`"),
         ("same: { of: env }, save: { map: svg }", "map cannot be saved in format `svg`"),
-        ("same: { of: env }, split: 4", "unknown key `split`"),
+        ("same: { of: env }, cut: 4", "unknown key `cut`"),
     ] {
         let errors = Space::new(&format!("{stages}  x: {{ {stage} }}")).errors();
         assert!(errors.contains(expected) && errors.matches("error:").count() == 1, "{stage}: {errors}");
