@@ -1,6 +1,6 @@
 //! `pipeline report`: a run as a page.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use super::Ending;
@@ -11,7 +11,7 @@ use super::signals::Interrupt;
 use super::verify::no_run;
 use crate::engine::diagnostic::escape;
 use crate::engine::provenance::runs::{self, FoundRun};
-use crate::engine::run::Places;
+use crate::engine::run::{Places, Summary};
 use crate::engine::schedule::bytes_text;
 use crate::engine::store::folder::FolderStore;
 use crate::report::{self, ReportError, Settings, Written};
@@ -49,6 +49,15 @@ pub fn after_run(manifest: &std::path::Path, places: &Places, talk: TalkArgument
             Ending::Done
         }
         Err(error) => failed(&error, interrupt, screen),
+    }
+}
+
+/// After a run that made no page: whether one of an earlier run stands beside its files.
+pub fn tell_if_outdated(summary: &Summary, screen: &Screen) {
+    let page = summary.manifest.with_file_name("report.html");
+    if let (None, true, Some(name)) = (&summary.results_of, page.is_file(), summary.manifest.parent().and_then(Path::file_name)) {
+        let (page, name) = (escape(&page.display().to_string()), escape(&name.to_string_lossy()));
+        screen.say(&format!("{page} is of an earlier run; `pipeline report {name}` makes it again\n"));
     }
 }
 

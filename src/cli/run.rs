@@ -45,7 +45,13 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
             screen.say(&farewell);
         }
         let ending = conclude(manner.talk, command.format, summary, &interrupt, screen);
-        if command.show.report { with_report(ending, summary, &places, manner.talk, &interrupt, screen) } else { ending }
+        if command.show.report {
+            return with_report(ending, summary, &places, manner.talk, &interrupt, screen);
+        }
+        if !manner.talk.quiet {
+            super::report::tell_if_outdated(summary, screen);
+        }
+        ending
     };
     // Who wants to hear of every job is told of every job.
     if command.events.is_none() && !manner.talk.verbose && manner.view.is_none() {

@@ -407,7 +407,7 @@ fn repetition_note(curves: &[Curve], request: &Request) -> Vec<String> {
     let level = format!("{} %", Cell::from_number((request.level * 1e6).round() / 1e4));
     let tail =
         if counts.iter().any(|count| *count > 1) { format!("; {interval} show the {level} interval (Student t)") } else { String::new() };
-    vec![format!("Each point is the mean of n = {number} values over {name}{tail}.")]
+    vec![format!("Each point is the mean of {number} values over {name}{tail}.")]
 }
 
 /// `16`, or `8 to 16` where they differ.
@@ -509,8 +509,7 @@ fn heat_map(table: &Table, request: &Request) -> Result<Chart, CurveError> {
         |cell: &Vec<(f64, &Vec<Cell>)>| estimate::mean_interval(&cell.iter().map(|(value, _)| *value).collect::<Vec<_>>(), request.level);
     let counts: Vec<usize> = cells.iter().map(Vec::len).filter(|count| *count > 0).collect();
     let repeat = request.repeat.as_ref().zip(number_of_values(&counts));
-    let notes =
-        repeat.map(|(repeat, number)| format!("Each color is the mean of n = {number} values over {repeat}.")).into_iter().collect();
+    let notes = repeat.map(|(repeat, number)| format!("Each color is the mean of {number} values over {repeat}.")).into_iter().collect();
     let heat = Heat {
         x_edges: borders(xs, request.scales[0]),
         y_edges: borders(ys, request.scales[1]),
@@ -634,7 +633,7 @@ mod tests {
         assert!((iid.points[0].interval.unwrap()[1] - 0.25 - half).abs() < 1e-9);
         assert!((iid.fit.unwrap().slope + 0.5).abs() < 1e-12);
         assert!((chart.curves[1].fit.unwrap().slope + 0.25).abs() < 1e-12);
-        assert_eq!(chart.notes, ["Each point is the mean of n = 4 values over run; error bars show the 95 % interval (Student t)."]);
+        assert_eq!(chart.notes, ["Each point is the mean of 4 values over run; error bars show the 95 % interval (Student t)."]);
     }
 
     #[test]

@@ -893,7 +893,7 @@ mod tests {
             curves: (0..6).map(|index| curve(index, label)).collect(),
             guides: vec![at(54.0), at(55.0), at(56.0), at(3000.0)],
             heat: None,
-            notes: vec!["Each point is the mean of n = 16 values; bars show the 95 % interval (Student t).".into()],
+            notes: vec!["Each point is the mean of 16 values over run; bars show the 95 % interval (Student t).".into()],
         }
     }
 

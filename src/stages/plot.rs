@@ -261,7 +261,7 @@ impl JsonSchema for Fit {
 
 impl Stage for Plot {
     const KIND: &'static str = "plot";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &[Chart::TYPE] }];
     type Output = Chart;
 
