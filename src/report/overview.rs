@@ -76,15 +76,20 @@ fn place(job: &JobEntry) -> String {
     place_text(&job.stage, &job.coordinate)
 }
 
-/// The most frequent first, then by name.
+/// The most frequent first, then by name; what only passes a change on comes after what has changed.
 fn counts(names: impl Iterator<Item = String>, total: usize, limit: usize) -> Vec<Count> {
     let mut sums: BTreeMap<String, usize> = BTreeMap::new();
     names.for_each(|name| *sums.entry(name).or_default() += 1);
     let mut sums: Vec<_> = sums.into_iter().collect();
-    sums.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    sums.sort_by_key(|(name, count)| (is_passed_on(name), std::cmp::Reverse(*count)));
     sums.truncate(limit);
     let width = |count: usize| (10_000.0 * count as f64 / total.max(1) as f64).round() / 100.0;
     sums.into_iter().map(|(name, count)| Count { name, count, width: width(count) }).collect()
+}
+
+/// Whether a reason names nothing but inputs that have changed.
+fn is_passed_on(reason: &str) -> bool {
+    reason.split("; ").all(|clause| clause.starts_with("input ") && clause.ends_with(" changed"))
 }
 
 fn facts(manifest: &Manifest) -> Vec<[String; 2]> {
@@ -150,5 +155,15 @@ mod tests {
         let names = ["a", "b", "b"].map(str::to_owned);
         let counts = counts(names.into_iter(), 3, 9);
         assert_eq!(counts[0], Count { name: "b".into(), count: 2, width: 66.67 });
+    }
+
+    #[test]
+    fn a_cause_comes_before_what_follows_from_it() {
+        let names = ["input a changed", "input a changed; input b changed", "input a changed", "parameter size 1 -> 2", "input a -> b"];
+        let found = counts(names.map(str::to_owned).into_iter(), 5, 3);
+        assert_eq!(
+            found.iter().map(|count| count.name.as_str()).collect::<Vec<_>>(),
+            ["input a -> b", "parameter size 1 -> 2", "input a changed"]
+        );
     }
 }
