@@ -25,8 +25,13 @@ fn published(space: &Space) -> Vec<(String, Vec<u8>)> {
 }
 
 fn team_folder(space: &Space) -> PathBuf {
-    let runs = std::fs::read_dir(space.path("outputs/p/runs")).unwrap().map(|entry| entry.unwrap().path());
-    runs.into_iter().find(|path| path.file_name().unwrap().to_str().unwrap().starts_with("team-")).expect("a run with workers")
+    made_team_folder(space).expect("a run with workers")
+}
+
+/// The same while it may not be there yet.
+fn made_team_folder(space: &Space) -> Option<PathBuf> {
+    let mut runs = std::fs::read_dir(space.path("outputs/p/runs")).ok()?.map(|entry| entry.unwrap().path());
+    runs.find(|path| path.file_name().unwrap().to_str().unwrap().starts_with("team-"))
 }
 
 #[test]
@@ -92,7 +97,7 @@ fn workers_that_a_person_starts_do_the_work() {
     let expected = Space::new().pipeline(SWEEP).summary(&[])["result_id"].clone();
     let driver = space.pipeline(SWEEP).command(&["run", "p.yaml", "--executor", "manual", "--format", "json"]);
     let mut driver = { driver }.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::null()).spawn().unwrap();
-    let is_ready = || space.path("outputs/p/runs").is_dir() && team_folder(&space).join("assignment.json").is_file();
+    let is_ready = || made_team_folder(&space).is_some_and(|folder| folder.join("assignment.json").is_file());
     while !is_ready() {
         assert!(driver.try_wait().unwrap().is_none(), "the driver waits for workers");
         std::thread::yield_now();
@@ -134,7 +139,7 @@ fn a_cancelled_run_says_so_and_goes_on_when_it_is_run_again() {
     let space = Space::new();
     space.pipeline(SWEEP);
     let mut driver = space.command(&["run", "p.yaml", "--executor", "manual"]).stderr(std::process::Stdio::null()).spawn().unwrap();
-    while !(space.path("outputs/p/runs").is_dir() && team_folder(&space).join("executor-manual").is_file()) {
+    while !made_team_folder(&space).is_some_and(|folder| folder.join("executor-manual").is_file()) {
         std::thread::yield_now();
     }
     space.run(&["cancel", "p"]).expect(0, &["is cancelled"]);
