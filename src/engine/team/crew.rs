@@ -3,7 +3,7 @@
 //! A thread of its own, since what starts workers may take its time. It looks at the workers that are there, starts what is
 //! missing, and stops asking when they come to nothing again and again. Of several drivers of a run one does this.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -21,6 +21,9 @@ const PATIENCE: usize = 5;
 /// So long it is seen whether workers are missing at all.
 const MOMENT: Duration = Duration::from_secs(1);
 
+/// So long after its start a worker must have been heard of.
+const DUMB: Duration = Duration::from_secs(120);
+
 /// Time between two looks at what is wanted.
 const TICK: Duration = Duration::from_millis(20);
 
@@ -31,8 +34,8 @@ struct Board {
     demand: Vec<usize>,
     /// Jobs that are done.
     done: usize,
-    /// Workers that have not been heard of for too long.
-    silent: BTreeSet<String>,
+    /// Workers that have been heard of and have not ended, and whether lately.
+    heard: BTreeMap<String, bool>,
     present: Vec<Present>,
     problem: Option<ExecutorError>,
     is_over: bool,
@@ -81,6 +84,7 @@ impl Crew {
             folder: folder.clone(),
             claim: first,
             looked: None,
+            begun: BTreeMap::new(),
             fruitless: 0,
             done_before: 0,
         };
@@ -89,9 +93,9 @@ impl Crew {
     }
 
     /// Says how much there is to do.
-    pub fn want(&self, demand: Vec<usize>, done: usize, silent: BTreeSet<String>) {
+    pub fn want(&self, demand: Vec<usize>, done: usize, heard: BTreeMap<String, bool>) {
         let mut board = self.board.lock().expect(NO_PANIC);
-        (board.demand, board.done, board.silent) = (demand, done, silent);
+        (board.demand, board.done, board.heard) = (demand, done, heard);
     }
 
     /// How many workers there are and why the first of them has not begun, if none has.
@@ -125,6 +129,13 @@ pub fn driver_key() -> Digest {
     Digest::of(b"driver")
 }
 
+/// Whether a worker that the executor names is one: seen to have begun so long ago, and heard of lately, or before, or not at all.
+///
+/// A scheduler that was restarted may name jobs that ended long ago, and a machine may hang before the worker says a word.
+fn counts(since: Duration, heard: Option<bool>) -> bool {
+    heard.unwrap_or(since < DUMB)
+}
+
 /// What the thread knows.
 struct Foreman {
     board: Arc<Mutex<Board>>,
@@ -135,6 +146,8 @@ struct Foreman {
     folder: RunFolder,
     claim: Option<Claim>,
     looked: Option<Instant>,
+    /// When each worker was first seen to have begun.
+    begun: BTreeMap<String, Instant>,
     /// So often workers were started since a job was done.
     fruitless: usize,
     done_before: usize,
@@ -189,9 +202,12 @@ impl Foreman {
     fn look(&mut self) {
         // If the scheduler does not answer, those that are there work on, and it is asked again.
         let Some(present) = self.executor.present() else { return };
+        let begun = present.iter().filter(|worker| worker.waits_for.is_none()).map(|worker| worker.name.clone());
+        self.begun = begun.map(|name| (name.clone(), self.begun.get(&name).copied().unwrap_or_else(Instant::now))).collect();
         {
             let mut board = self.board.lock().expect(NO_PANIC);
-            board.present = present.into_iter().filter(|worker| !board.silent.contains(&worker.name)).collect();
+            let since = |worker: &Present| self.begun.get(&worker.name).map_or(Duration::ZERO, Instant::elapsed);
+            board.present = present.into_iter().filter(|worker| counts(since(worker), board.heard.get(&worker.name).copied())).collect();
         }
         if self.looked.is_some() && self.missing().iter().any(|count| *count > 0) {
             // Workers that are gone may have ended because all is done, which shows itself in a moment.
@@ -241,5 +257,17 @@ impl Foreman {
             message: format!("workers were started {PATIENCE} times, and ended without finishing a job"),
             hint: Some(format!("their logs say why: {}", self.executor.log_of("*").display())),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_worker_counts_while_it_may_still_say_something() {
+        let seconds = Duration::from_secs;
+        assert!(counts(seconds(0), None) && counts(seconds(119), None) && counts(seconds(5000), Some(true)));
+        assert!(!counts(seconds(121), None) && !counts(seconds(10), Some(false)));
     }
 }

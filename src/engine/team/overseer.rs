@@ -185,7 +185,7 @@ impl Overseer {
         for (wanted, ready) in wanted.iter_mut().zip(&self.ready) {
             *wanted = if *ready == 0 { 0 } else { *wanted };
         }
-        self.crew.want(wanted, done, self.silent());
+        self.crew.want(wanted, done, self.heard());
     }
 
     /// Notes how long it took to look for all that was named.
@@ -223,8 +223,9 @@ impl Overseer {
         }
     }
 
-    fn silent(&self) -> BTreeSet<String> {
-        self.heard.iter().filter(|(_, moment)| moment.elapsed() > SILENCE).map(|(worker, _)| worker.clone()).collect()
+    /// The workers that have been heard of and have not ended, and whether that was lately.
+    fn heard(&self) -> BTreeMap<String, bool> {
+        self.heard.iter().map(|(worker, moment)| (worker.clone(), moment.elapsed() <= SILENCE)).collect()
     }
 
     /// The run is over.
