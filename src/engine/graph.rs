@@ -60,7 +60,7 @@ pub struct StageNode {
     pub about: Option<String>,
     /// What each of its jobs asks of the machine.
     pub resources: Resources,
-    /// In how many parts its jobs are to be computed; in no key.
+    /// In how many parts at most its jobs are to be computed; in no key.
     pub split: Option<NonZeroU32>,
     /// File and line (from 1) of its entry.
     pub place: (String, usize),

@@ -95,7 +95,7 @@ pub trait Stage: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stat
         Vec::new()
     }
 
-    /// About so many jobs that together compute what this one would; none where it is too small to be divided.
+    /// At most so many jobs that together compute what this one would; none where it is too small to be divided.
     ///
     /// `run` finds their results by [`Job::parts`], without those that it can go on without. Its own results must be the same
     /// bytes for any number of parts and for none.

@@ -99,7 +99,7 @@ fn stage_schema(registry: &Registry, kinds: Map<String, Json>) -> Json {
         }),
     );
     properties.insert("resources".into(), resources_schema());
-    let parts = "In how many parts a job of `render` is computed, so that several machines can share one; it changes no result.";
+    let parts = "Most parts in which a `render` is computed, so that several machines can share it; it changes no result.";
     properties.insert("split".into(), json!({ "type": "integer", "minimum": 2, "maximum": PART_LIMIT, "description": parts }));
     properties.insert("about".into(), json!({ "type": "string", "description": "What it is for; shown in reports." }));
     json!({ "type": "object", "properties": properties, "additionalProperties": false, "oneOf": one_kind })

@@ -338,58 +338,69 @@ impl<'r> Layout<'_, 'r, '_> {
         let (seed, has_own_seed) = (instance.draws().then(|| own_seed.unwrap_or(world.document.seed)), own_seed.is_some());
         let publications = self.publications(stage, typed, &coordinate, findings);
         let parameters = instance.parameters();
-        let in_key = |field: &RoleField| json!({ "file": field.path.to_string() });
         // They differ in how files are named alone.
         let reads_files = roles.iter().any(|field| field.role == Role::File);
         let shown_file = |field: &RoleField| recorded(field).map_or_else(|| self.shown_file(&field.node), |input| json!(input.shown));
         let shown = reads_files.then(|| self.described(draft, parameters.clone(), &roles, seed, shown_file));
-        let canonical = self.described(draft, parameters, &roles, seed, in_key);
-        let prefixes =
-            |of: &dyn AnyStage| of.prefixes().into_iter().map(|prefix| self.described(draft, prefix, &roles, seed, in_key)).collect();
-        let shown = shown.unwrap_or_else(|| canonical.clone());
+        let canonical = self.in_key(draft, parameters, &roles, seed);
         let is_selected = |selections: &[Selection]| selections.iter().any(|one| one.stage == stage && one.takes(&placed.relation, row));
-        let (files, is_forced) = (self.files_of(&roles), is_selected(&self.targets.force));
-        let part = |part: Part<Box<dyn AnyStage>>| {
-            let canonical = self.described(draft, part.parameters.parameters(), &roles, seed, in_key);
-            let node = JobNode {
-                stage,
-                coordinate: coordinate.clone(),
-                prefixes: prefixes(part.parameters.as_ref()),
-                parameters: part.parameters,
-                shown: canonical.clone(),
-                canonical,
-                inputs: inputs.clone(),
-                files: files.clone(),
-                seed,
-                has_own_seed,
-                publications: Vec::new(),
-                parts: Vec::new(),
-                part_of: None,
-                is_wanted: false,
-                is_forced,
-            };
-            (node, part.within)
-        };
-        let parts = world.document.stages[stage].split.map(|count| instance.parts(count)).unwrap_or_default();
-        let parts = parts.into_iter().map(part).collect();
         let whole = JobNode {
             stage,
-            prefixes: prefixes(instance.as_ref()),
+            coordinate,
+            prefixes: self.prefixes(draft, instance.as_ref(), &roles, seed),
             parameters: instance,
+            shown: shown.unwrap_or_else(|| canonical.clone()),
             canonical,
-            shown,
             inputs,
-            files,
+            files: self.files_of(&roles),
             seed,
             has_own_seed,
             publications,
             parts: Vec::new(),
             part_of: None,
             is_wanted: !self.targets.is_partial || is_selected(&self.targets.only),
-            is_forced,
-            coordinate,
+            is_forced: is_selected(&self.targets.force),
         };
-        Some(Divided { whole, parts })
+        Some(self.divided(draft, &roles, whole))
+    }
+
+    /// A job with the parts in which `split:` has it computed.
+    fn divided(&self, draft: &Draft<'r>, roles: &[RoleField], whole: JobNode) -> Divided {
+        let part = |Part { parameters, within }: Part<Box<dyn AnyStage>>| {
+            let canonical = self.in_key(draft, parameters.parameters(), roles, whole.seed);
+            let node = JobNode {
+                stage: whole.stage,
+                coordinate: whole.coordinate.clone(),
+                prefixes: self.prefixes(draft, parameters.as_ref(), roles, whole.seed),
+                parameters,
+                shown: canonical.clone(),
+                canonical,
+                inputs: whole.inputs.clone(),
+                files: whole.files.clone(),
+                seed: whole.seed,
+                has_own_seed: whole.has_own_seed,
+                publications: Vec::new(),
+                parts: Vec::new(),
+                part_of: None,
+                is_wanted: false,
+                is_forced: whole.is_forced,
+            };
+            (node, within)
+        };
+        let split = self.world.document.stages[whole.stage].split;
+        let parts = split.map(|count| whole.parameters.parts(count)).unwrap_or_default();
+        let parts = parts.into_iter().map(part).collect();
+        Divided { whole, parts }
+    }
+
+    /// The parameters as they enter the key: see [`JobNode::canonical`].
+    fn in_key(&self, draft: &Draft<'r>, parameters: Json, roles: &[RoleField], seed: Option<u64>) -> Json {
+        self.described(draft, parameters, roles, seed, |field| json!({ "file": field.path.to_string() }))
+    }
+
+    /// See [`JobNode::prefixes`].
+    fn prefixes(&self, draft: &Draft<'r>, of: &dyn AnyStage, roles: &[RoleField], seed: Option<u64>) -> Vec<Json> {
+        of.prefixes().into_iter().map(|prefix| self.in_key(draft, prefix, roles, seed)).collect()
     }
 
     fn type_of_job(
