@@ -152,6 +152,26 @@ fn parts_outlive_their_whole_and_a_lost_one_is_computed_again() {
 }
 
 #[test]
+fn an_interrupted_render_goes_on_with_the_parts_that_are_missing() {
+    let expected = ball(&space(48, SOBOL, ""), &["-s", "spp=256"]);
+    let space = space(48, SOBOL, "    split: 3\n");
+    let mut run = space.command(&["run", "p.yaml", "-q", "-j", "1", "-s", "spp=256"]).stdout(std::process::Stdio::null()).spawn().unwrap();
+    // The map, and a part.
+    while space.files("outputs/.store/v1/ac").len() < 2 {
+        assert!(run.try_wait().unwrap().is_none(), "the run ends too soon");
+        std::thread::yield_now();
+    }
+    assert!(std::process::Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap().success());
+    assert_eq!(run.wait().unwrap().code(), Some(130));
+    assert_eq!(entry(&space)["outcome"], "interrupted");
+    let plan = space.run(&["plan", "p.yaml", "-v", "-s", "spp=256"]);
+    assert!(plan.expect(0, &[]).stdout.contains("run    ball  "), "{}", plan.stdout);
+    let found = ball(&space, &["-s", "spp=256"]);
+    assert_eq!((found.parts[&1].as_str(), found.parts[&3].as_str()), ("hit", "ran"));
+    assert_eq!((found.result_id, found.picture), (expected.result_id, expected.picture));
+}
+
+#[test]
 fn a_forced_render_is_computed_in_all_its_parts() {
     let space = space(48, SOBOL, "    split: 3\n");
     space.summary(&[]);

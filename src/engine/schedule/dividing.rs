@@ -68,9 +68,10 @@ impl Scheduler<'_> {
     fn add_part(&mut self, whole: usize, part: usize) {
         let shared = self.shared.clone();
         let state = self.state(whole);
+        let files = state.planned.files.clone();
         let planned = PlannedJob {
-            recipe: state.planned.recipe,
-            files: state.planned.files.clone(),
+            recipe: key::recipe(&shared.graph, &shared.graph.jobs[part], &files, |input| self.state(input).planned.recipe),
+            files,
             key: None,
             record: None,
             outcome: Outcome::Run,

@@ -76,7 +76,7 @@ impl Index {
 
     /// The same by the key.
     pub fn result_of_key(&self, key: &Digest) -> Option<&ResultRecord> {
-        self.results.get(self.recipes.get(key)?)
+        self.results.get(self.recipes.get(key)?).filter(|record| record.key == *key)
     }
 
     /// An encoded file, without the bytes that its record holds.
