@@ -207,10 +207,6 @@ fn set_axis(name: &str, text: &str, file: u32, document: &mut Document<'_>, find
     if text.trim().is_empty() {
         return Err((format!("axis {} is given no values", quoted(name)), Some(format!("write `-a {name}=value,value`"))));
     }
-    if let Some([from, to]) = range_of(text) {
-        let hint = format!("a range is written `-a '{name}={{ range: [{from}, {to}, 1] }}'`");
-        return Err((format!("axis {} has no value {}", quoted(name), quoted(text)), Some(hint)));
-    }
     let place = Place::of_file(file);
     let declared = document.axes[index].node.clone();
     let value = if text.trim_start().starts_with(['{', '[']) {
@@ -219,6 +215,10 @@ fn set_axis(name: &str, text: &str, file: u32, document: &mut Document<'_>, find
         Value::List(named_entries(&declared, name, text)?.into())
     } else {
         let is_text = declared.list().is_some_and(|items| items.iter().all(|item| item.text().is_some()));
+        if let Some([from, to]) = range_of(text).filter(|_| !is_text) {
+            let hint = format!("a range is written `-a '{name}={{ range: [{from}, {to}, 1] }}'`");
+            return Err((format!("axis {} has no value {}", quoted(name), quoted(text)), Some(hint)));
+        }
         let item = |word: &str| if is_text { Value::Text(word.into()) } else { plain(word) };
         Value::List(text.split(',').map(|word| Node::new(item(word.trim()), place)).collect())
     };

@@ -448,6 +448,16 @@ fn wrong_arguments_are_named() {
 }
 
 #[test]
+fn a_text_with_a_hyphen_is_a_value_and_no_range() {
+    let space = Space::new(
+        "axes: { label: [1-2, 3-4] }\nstages:\n  env: { source: { path: map.exr } }\n  a: { draw: { of: env, count: 4, label: $label } }",
+    );
+    let request = Request { axes: vec![("label".into(), "3-4".into())], ..space.request() };
+    let graph = space.build(&request).unwrap_or_else(|errors| panic!("{errors}")).0;
+    assert_eq!(jobs(&graph), ["env", "a label=3-4"]);
+}
+
+#[test]
 fn a_seed_that_reaches_no_stage_is_told() {
     let warnings = |stages: &str| {
         let space = Space::new(stages);
