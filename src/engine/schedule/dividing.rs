@@ -30,9 +30,14 @@ impl Scheduler<'_> {
         self.shared.graph.jobs[job].part_of.map(|part| part.whole)
     }
 
+    /// Whether a job has parts of which none is computed yet.
+    pub(super) fn is_undivided(&self, job: usize) -> bool {
+        !self.shared.graph.jobs[job].parts.is_empty() && self.parts_of(job).next().is_none()
+    }
+
     /// Has a job that is about to be ready wait for its parts; false if there are none to wait for.
     pub(super) fn waits_for_parts(&mut self, job: usize, key: Digest) -> bool {
-        if self.shared.graph.jobs[job].parts.is_empty() || self.parts_of(job).next().is_some() {
+        if !self.is_undivided(job) {
             return false;
         }
         // Another run of the same store may be putting them together already.

@@ -138,16 +138,13 @@ impl Scheduler<'_> {
     }
 
     fn make_ready_again(&mut self, job: usize) {
-        let is_divided = self.shared.graph.jobs[job].parts.is_empty() || self.parts_of(job).next().is_some();
-        let state = self.state_mut(job);
-        let priority = state.priority;
-        if is_divided {
-            state.phase = Phase::Ready;
-            self.push_ready(job, priority);
-        } else {
-            (state.phase, state.waiting) = (Phase::Waiting, 0);
-            self.prepare(job);
+        if self.is_undivided(job) {
+            return self.wait_for_inputs_again(job);
         }
+        let state = self.state_mut(job);
+        state.phase = Phase::Ready;
+        let priority = state.priority;
+        self.push_ready(job, priority);
     }
 
     /// Puts a job among those that can start.
