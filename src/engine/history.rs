@@ -131,10 +131,7 @@ impl History {
 
     /// Seconds that this job, or else one of its stage, took when it ran.
     pub fn seconds(&mut self, job: &JobEntry) -> Option<f64> {
-        let seconds = |entry: JobEntry| {
-            let parts = entry.parts.iter().filter_map(|part| part.measured.as_ref());
-            Some(entry.measured.as_ref()?.seconds + parts.map(|part| part.seconds).sum::<f64>())
-        };
+        let seconds = |entry: JobEntry| Some(entry.measured.as_ref()?.seconds + entry.part_seconds().sum::<f64>());
         let same = self.earlier(job).and_then(seconds);
         let other = || {
             let runs = self.runs.iter().filter_map(|run| Some((run, run.jobs.get(&job.stage)?)));

@@ -158,6 +158,13 @@ pub struct JobEntry {
     pub measured: Option<JobMeasured>,
 }
 
+impl JobEntry {
+    /// What each of its parts took, in this run or when it ran.
+    pub fn part_seconds(&self) -> impl Iterator<Item = f64> {
+        self.parts.iter().filter_map(|part| Some(part.measured.as_ref()?.seconds))
+    }
+}
+
 /// A part of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PartEntry {

@@ -702,10 +702,9 @@ fn stage_jobs(stage: &str, jobs: &[usize], manifest: &Manifest) -> StageJobs {
 /// What a job took, and what its parts took.
 fn time_text(job: &JobEntry) -> String {
     let own = job.measured.as_ref().map_or(0.0, |measured| measured.seconds);
-    let of_parts: Vec<f64> = job.parts.iter().filter_map(|part| Some(part.measured.as_ref()?.seconds)).collect();
-    match of_parts.len() {
+    match job.part_seconds().count() {
         0 => seconds_text(own),
-        count => format!("{}, and {} in {count} parts", seconds_text(own), seconds_text(of_parts.iter().sum())),
+        count => format!("{}, and {} in {count} parts", seconds_text(own), seconds_text(job.part_seconds().sum())),
     }
 }
 

@@ -104,13 +104,19 @@ pub fn timing(manifest: &Manifest) -> Timing {
     }
 }
 
+/// What was measured of something that ran in this run.
+fn ran(outcome: Outcome, measured: Option<&JobMeasured>) -> Option<&JobMeasured> {
+    measured.filter(|_| outcome == Outcome::Ran)
+}
+
+/// The parts of a job that ran in this run.
+fn part_runs(job: &JobEntry) -> impl Iterator<Item = &JobMeasured> {
+    job.parts.iter().filter_map(|part| ran(part.outcome, part.measured.as_ref()))
+}
+
 /// A job and its parts, as far as they ran in this run.
 fn runs(job: &JobEntry) -> impl Iterator<Item = &JobMeasured> {
-    let parts = job.parts.iter().map(|part| (part.outcome, &part.measured));
-    parts
-        .chain([(job.outcome, &job.measured)])
-        .filter(|(outcome, _)| *outcome == Outcome::Ran)
-        .filter_map(|(_, measured)| measured.as_ref())
+    part_runs(job).chain(ran(job.outcome, job.measured.as_ref()))
 }
 
 /// What a job and its parts took in this run.
@@ -120,13 +126,8 @@ fn work(job: &JobEntry) -> f64 {
 
 /// The least time in which a job could be done: its parts at once, then itself.
 fn seconds(job: &JobEntry) -> f64 {
-    let own = job.measured.as_ref().filter(|_| job.outcome == Outcome::Ran).map_or(0.0, |measured| measured.seconds);
-    own + job
-        .parts
-        .iter()
-        .filter(|part| part.outcome == Outcome::Ran)
-        .filter_map(|part| Some(part.measured.as_ref()?.seconds))
-        .fold(0.0, f64::max)
+    let own = ran(job.outcome, job.measured.as_ref()).map_or(0.0, |run| run.seconds);
+    own + part_runs(job).map(|run| run.seconds).fold(0.0, f64::max)
 }
 
 fn kinds(jobs: &[JobEntry]) -> Vec<KindTime> {
