@@ -5,6 +5,9 @@
 //! near one part in a million; where eight digits matter use `elementary`.
 
 use std::f32::consts::{FRAC_PI_2, LN_2, LOG2_E};
+use std::ops::{Add, Mul};
+
+use wide::{f32x4, i32x4};
 
 /// Cube root of a positive normal number; a relative error below 3e-7.
 ///
@@ -92,12 +95,31 @@ pub fn sin_cos_of_turns(turns: f32) -> (f32, f32) {
     (if quadrant & 2 == 0 { along } else { -along }, if (quadrant + 1) & 2 == 0 { across } else { -across })
 }
 
-/// Sine and cosine of an angle of at most pi / 4 in radians.
+/// The same of four numbers at once, with the same bits.
 #[inline]
-fn sin_cos_of_eighth(x: f32) -> (f32, f32) {
+pub fn sin_cos_of_turns_in_lanes(turns: f32x4) -> (f32x4, f32x4) {
+    let quarters = turns * 4.0;
+    let quadrants = (quarters + 0.5).fast_trunc_int();
+    let (sine, cosine) = sin_cos_of_eighth((quarters - f32x4::from_i32x4(quadrants)) * FRAC_PI_2);
+    let is_odd = f32x4::from_i32x4(quadrants & i32x4::ONE).simd_gt(f32x4::ZERO);
+    let (along, across) = (is_odd.bitselect(cosine, sine), is_odd.bitselect(sine, cosine));
+    let sign = |half_turn: i32x4| f32x4::from_i32x4(i32x4::ONE - (half_turn & i32x4::splat(2)));
+    (along * sign(quadrants), across * sign(quadrants + i32x4::ONE))
+}
+
+/// Sine and cosine of an angle of at most pi / 4 in radians; of one, or of several at once.
+#[inline]
+fn sin_cos_of_eighth<T>(x: T) -> (T, T)
+where
+    T: Copy + From<f32> + Mul<Output = T> + Add<Output = T>,
+{
+    let series = |x2: T, coefficients: [f32; 5]| {
+        let [first, others @ ..] = coefficients.map(T::from);
+        others.into_iter().fold(first, |sum, coefficient| coefficient + x2 * sum)
+    };
     let x2 = x * x;
-    let sine = x * (1.0 + x2 * (-1.0 / 6.0 + x2 * (1.0 / 120.0 + x2 * (-1.0 / 5040.0 + x2 * (1.0 / 362_880.0)))));
-    let cosine = 1.0 + x2 * (-1.0 / 2.0 + x2 * (1.0 / 24.0 + x2 * (-1.0 / 720.0 + x2 * (1.0 / 40_320.0))));
+    let sine = x * series(x2, [1.0 / 362_880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0]);
+    let cosine = series(x2, [1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0, -1.0 / 2.0, 1.0]);
     (sine, cosine)
 }
 
@@ -242,6 +264,8 @@ mod tests {
             let (exact_sine, exact_cosine) = elementary::sin_cos(2.0 * std::f64::consts::PI * f64::from(turns));
             assert!((f64::from(sine) - exact_sine).abs() < 1.5e-7, "{turns}");
             assert!((f64::from(cosine) - exact_cosine).abs() < 1.5e-7, "{turns}");
+            let lanes = sin_cos_of_turns_in_lanes(f32x4::new([turns, 0.0, 1.0, turns]));
+            assert_eq!([lanes.0.to_array()[3], lanes.1.to_array()[3]], [sine, cosine], "{turns}");
         }
     }
 

@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use crate::render::lanes::Vectors;
+
 /// Three perpendicular unit vectors; right-handed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
@@ -44,6 +46,12 @@ impl Frame {
     /// Components of a world vector along x, y and z.
     pub fn to_local(&self, vector: Vec3) -> Vec3 {
         Vec3::new(vector.dot(self.tangent), vector.dot(self.bitangent), vector.dot(self.normal))
+    }
+
+    /// The same of four world vectors.
+    #[inline]
+    pub fn to_local_lanes(&self, vectors: &Vectors) -> Vectors {
+        Vectors { x: vectors.dot(self.tangent), y: vectors.dot(self.bitangent), z: vectors.dot(self.normal) }
     }
 
     /// The world vector with these components.

@@ -4,7 +4,7 @@
 //! tables, and every number of a picture is a function of (seed, pixel, sample index, dimension). All of it is
 //! f32, for speed; sums over samples are folded by one fixed tree.
 //!
-//! Reading order: `ray`, `frame`, `transform`, `mesh`, `shape`, `texture`, `bsdf`, `medium`, `scatter`, `emitter`, `camera`, `sampler`, `film`, `scene`, `integrator`,
+//! Reading order: `ray`, `lanes`, `frame`, `transform`, `mesh`, `shape`, `texture`, `bsdf`, `medium`, `scatter`, `emitter`, `camera`, `sampler`, `film`, `scene`, `integrator`,
 //! `picture`.
 
 pub mod bsdf;
@@ -13,6 +13,7 @@ pub mod emitter;
 pub mod film;
 pub mod frame;
 pub mod integrator;
+pub mod lanes;
 pub mod medium;
 pub mod mesh;
 pub mod picture;

@@ -89,7 +89,7 @@ const BAND_ROWS: u32 = 16;
 
 impl Stage for Render {
     const KIND: &'static str = "render";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const RESULTS: &'static [ResultDeclaration] =
         &[ResultDeclaration { name: "", types: &["image"] }, ResultDeclaration { name: "film", types: &["film"] }];
     const SPLITS: bool = true;

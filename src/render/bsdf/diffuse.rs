@@ -5,9 +5,11 @@ use std::f32::consts::FRAC_1_PI;
 use glam::Vec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use wide::f32x4;
 
 use crate::math::single;
 use crate::render::bsdf::{BsdfError, BsdfSample, Transport};
+use crate::render::lanes::{Vectors, Weighted};
 use crate::render::texture::parameter::{Pictures, Reflectance};
 use crate::render::texture::value::Color;
 use crate::render::texture::{Texture, TexturePoint};
@@ -73,6 +75,13 @@ impl Diffuse {
     pub fn evaluate_with_pdf(&self, _outgoing: Vec3, incoming: Vec3, _: Transport) -> (Vec3, f32) {
         let pdf = incoming.z.max(0.0) * FRAC_1_PI;
         (self.reflectance * pdf, pdf)
+    }
+
+    /// The same for four directions at once, given by their cosines.
+    #[inline]
+    pub fn evaluate_lanes(&self, cosines: f32x4) -> Weighted {
+        let pdf = cosines.fast_max(f32x4::ZERO) * FRAC_1_PI;
+        Weighted { value: Vectors::splat(self.reflectance).scaled(pdf), pdf }
     }
 
     /// The reflectance.

@@ -31,6 +31,7 @@ use glam::Vec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+use wide::f32x4;
 
 use crate::math::single;
 use crate::render::bsdf::blend::{Blend, BlendParameters};
@@ -44,6 +45,7 @@ use crate::render::bsdf::plastic::{Plastic, PlasticParameters};
 use crate::render::bsdf::rough_conductor::{RoughConductor, RoughConductorParameters};
 use crate::render::bsdf::rough_dielectric::{RoughDielectric, RoughDielectricParameters};
 use crate::render::frame::Frame;
+use crate::render::lanes::{Vectors, Weighted};
 use crate::render::texture::bitmap::TexelError;
 
 /// How a surface scatters light.
@@ -254,6 +256,17 @@ impl<'m> Bsdf<'m> {
         match &self.bend {
             None => self.evaluate_upright(outgoing, incoming, transport),
             Some(bend) => self.evaluate_bent(bend, outgoing, incoming, transport),
+        }
+    }
+
+    /// The same for four incoming directions at once; `None` for what is not cheap enough to be worth it.
+    #[inline]
+    pub fn evaluate_lanes(&self, outgoing: Vec3, incoming: &Vectors) -> Option<Weighted> {
+        match (&self.lobe, &self.bend) {
+            (Lobe::Diffuse(diffuse), None) => {
+                Some(diffuse.evaluate_lanes(self.flip(outgoing).map_or(f32x4::ZERO, |flip| incoming.z * flip.z)))
+            }
+            _ => None,
         }
     }
 

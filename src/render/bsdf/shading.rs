@@ -4,9 +4,11 @@
 //! agree on which side of the surface it is, in values, densities and drawn directions alike.
 
 use glam::Vec3;
+use wide::f32x4;
 
 use crate::render::bsdf::{Bsdf, BsdfSample, Transport};
 use crate::render::frame::Frame;
+use crate::render::lanes::{Vectors, Weighted};
 
 /// A BSDF in its place, seen from one direction.
 #[derive(Debug, Clone, Copy)]
@@ -52,6 +54,17 @@ impl<'m> Shading<'m> {
             return (Vec3::ZERO, 0.0);
         }
         self.bsdf.evaluate_with_pdf(self.outgoing, local, transport)
+    }
+
+    /// The same for four directions at once.
+    #[inline]
+    pub fn evaluate_lanes(&self, incoming: &Vectors, transport: Transport) -> Weighted {
+        let local = self.frame.to_local_lanes(incoming);
+        let Some(Weighted { value, pdf }) = self.bsdf.evaluate_lanes(self.outgoing, &local) else {
+            return Weighted::of(incoming.to_array().map(|incoming| self.evaluate_with_pdf(incoming, transport)));
+        };
+        let agrees = (local.z * local.dot(self.geometric)).simd_gt(f32x4::ZERO);
+        Weighted { value: Vectors { x: value.x & agrees, y: value.y & agrees, z: value.z & agrees }, pdf: pdf & agrees }
     }
 
     /// The BSDF.
@@ -108,6 +121,24 @@ mod tests {
                 if let Some(sample) = place.sample(0.3, [0.2, 0.7], Transport::Radiance) {
                     let is_passed = geometric.dot(outgoing) * geometric.dot(sample.direction) < 0.0;
                     assert_eq!(is_passed, sample.eta != 1.0, "{geometric} {shading} {outgoing} {sample:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lanes_have_the_bits_of_single_directions() {
+        let others = [r#"{"diffuse":{"reflectance":[0.2,0.5,0.9],"one_sided":true}}"#, r#"{"plastic":{}}"#].map(bsdf);
+        for bsdf in bsdfs().into_iter().chain(others) {
+            let situations: Vec<[Vec3; 4]> = situations().collect();
+            for four in situations.as_chunks::<4>().0 {
+                let [geometric, shading, outgoing, _] = four[0];
+                let place = Shading::new(bsdf, &Frame::about(shading), geometric, outgoing);
+                let incoming = four.map(|[_, _, _, incoming]| incoming);
+                let Weighted { value, pdf } = place.evaluate_lanes(&Vectors::of(incoming), Transport::Radiance);
+                for (lane, incoming) in incoming.into_iter().enumerate() {
+                    let single = place.evaluate_with_pdf(incoming, Transport::Radiance);
+                    assert_eq!((value.lane(lane), pdf.to_array()[lane]), single, "{bsdf:?}");
                 }
             }
         }

@@ -15,11 +15,13 @@ use std::f64::consts::PI;
 
 use glam::Vec3;
 use rayon::prelude::*;
+use wide::f32x4;
 
 use crate::light::envmap::{self, EnvMap, solid_angle_of_pixel};
 use crate::math::single;
 use crate::math::turn;
 use crate::render::emitter::EnvironmentParameters;
+use crate::render::lanes::{LANES, Vectors, Weighted};
 use crate::render::sampler::unit;
 
 /// A map that gives light, with the density by which directions towards it are drawn.
@@ -88,6 +90,15 @@ pub struct EnvironmentSample {
     pub radiance: Vec3,
     /// Density per steradian.
     pub pdf: f32,
+}
+
+/// Four of them at once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightLanes {
+    /// Towards the map.
+    pub directions: Vectors,
+    /// What comes from there, and its density.
+    pub light: Weighted,
 }
 
 /// A map that cannot give light.
@@ -188,6 +199,28 @@ impl Environment {
         let (z, x) = single::sin_cos_of_turns(if turned < 0.0 { turned + 1.0 } else { turned });
         let direction = Vec3::new(sine * x, band.side * (1.0 - height), sine * z);
         Some(EnvironmentSample { direction, radiance: Vec3::from_array(radiance), pdf })
+    }
+
+    /// Four directions at once, each with the bits of [`Self::sample`]; the density is zero where the map is black.
+    ///
+    /// `None` where all directions are alike.
+    #[inline]
+    pub fn sample_lanes(&self, bits: [[u32; 2]; LANES]) -> Option<LightLanes> {
+        let table = self.table.as_ref()?;
+        let draws = bits.map(|bits| table.draw(bits));
+        let pixels = draws.each_ref().map(|draw| self.pixels[draw.row * self.width + draw.column]);
+        let bands = draws.each_ref().map(|draw| self.bands[draw.row]);
+        let [red, green, blue, pdf] = f32x4::transpose(pixels.map(|Pixel { radiance: [red, green, blue], pdf }| f32x4::new([red, green, blue, pdf])));
+        let number = |of: fn(&Draw) -> f32| f32x4::new(draws.each_ref().map(of));
+        let edge = |of: fn(Band) -> f32| f32x4::new(bands.map(of));
+
+        let (top, bottom) = (edge(|band| band.top), edge(|band| band.bottom));
+        let height = top + (bottom - top) * number(|draw| draw.across);
+        let sine = (height * (2.0 - height)).sqrt();
+        let turned = number(|draw| draw.column as f32 + draw.along) / self.width as f32 - self.rotation;
+        let (z, x) = single::sin_cos_of_turns_in_lanes(turned.simd_lt(f32x4::ZERO).bitselect(turned + 1.0, turned));
+        let directions = Vectors { x: sine * x, y: edge(|band| band.side) * (1.0 - height), z: sine * z };
+        Some(LightLanes { directions, light: Weighted { value: Vectors { x: red, y: green, z: blue }, pdf } })
     }
 
     fn sample_uniform(&self, bits: [u32; 2]) -> EnvironmentSample {
@@ -483,6 +516,28 @@ mod tests {
             // Directions within rounding of an edge between pixels.
             assert!(differing < 10, "{density:?}: {differing}");
         }
+    }
+
+    #[test]
+    fn lanes_have_the_bits_of_single_draws() {
+        let half_black = EnvMap::new(Raster::new(8, 4, (0..32).map(|place| if place < 16 { [0.0; 3] } else { [1.0, 2.0, 0.5] }).collect()));
+        for (map, rotate_degrees) in [(test_maps::noisy(64, 33), 77.0), (one_pixel(16, 8, 37), -10.0), (half_black, 0.0)] {
+            let environment = environment(&map, rotate_degrees, Density::Full);
+            let mut numbers = Stream::new(3, Purpose::Test).generator(0);
+            for _ in 0..2000 {
+                let bits = std::array::from_fn(|_| [0; 2].map(|_: u32| numbers.bits() as u32));
+                let lanes = environment.sample_lanes(bits).unwrap();
+                for (lane, bits) in bits.into_iter().enumerate() {
+                    let EnvironmentSample { direction, radiance, pdf } = environment.sample(bits).unwrap();
+                    let LightLanes { directions, light } = &lanes;
+                    let found = (directions.lane(lane), light.value.lane(lane), light.pdf.to_array()[lane]);
+                    assert_eq!(found, (direction, radiance, pdf));
+                }
+            }
+        }
+        let black = environment(&test_maps::constant(8, 4, [0.0; 3]), 0.0, Density::Full);
+        assert_eq!(black.sample_lanes([[1 << 31; 2]; LANES]).unwrap().light.pdf, f32x4::ZERO);
+        assert_eq!(environment(&test_maps::noisy(8, 4), 0.0, Density::Uniform).sample_lanes([[0; 2]; LANES]), None);
     }
 
     #[test]

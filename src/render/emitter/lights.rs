@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use crate::render::emitter::environment::Environment;
+use crate::render::emitter::environment::{Environment, LightLanes};
 use crate::render::emitter::spot::Spot;
 use crate::render::ray::{Ray, Surface};
 use crate::render::sampler::unit;
@@ -74,6 +74,14 @@ pub struct LightSample {
 }
 
 impl LightSample {
+    /// One of the draws of a map.
+    #[inline]
+    pub fn of_lane(lanes: &LightLanes, lane: usize) -> Self {
+        let LightLanes { directions, light } = lanes;
+        let (direction, radiance) = (directions.lane(lane), light.value.lane(lane));
+        Self { direction, radiance, pdf: light.pdf.as_array()[lane], is_delta: false, target: None }
+    }
+
     /// From a point whose intensity depends on the direction away from it.
     #[inline]
     fn of_point(position: Vec3, reference: Vec3, pdf: f32, intensity: impl Fn(Vec3) -> Vec3) -> Option<Self> {
@@ -164,6 +172,15 @@ impl Lights {
             Source::Directional { towards, irradiance } => {
                 Some(LightSample { direction: *towards, radiance: *irradiance, pdf: probability, is_delta: true, target: None })
             }
+        }
+    }
+
+    /// The map, if there is no other light.
+    #[inline]
+    pub fn lone_environment(&self) -> Option<&Environment> {
+        match self.sources.as_slice() {
+            [Source::Environment(environment)] => Some(environment),
+            _ => None,
         }
     }
 

@@ -13,13 +13,18 @@
 //! number: so where nothing is hidden each is the candidates' mean, without the noise of the chosen one's color, and
 //! where lights differ in strength but not in color all three choose the same and cast one shadow ray.
 
+use std::ops::Range;
+
 use glam::Vec3;
+use wide::f32x4;
 
 use crate::render::bsdf::shading::Shading;
 use crate::render::bsdf::{Bsdf, Transport};
+use crate::render::emitter::environment::LightLanes;
 use crate::render::emitter::lights::LightSample;
 use crate::render::film::Background;
 use crate::render::integrator::Strategy;
+use crate::render::lanes::{LANES, Vectors, Weighted};
 use crate::render::ray::{Ray, Surface};
 use crate::render::sampler::{Numbers, unit};
 use crate::render::scene::compiled::Scene;
@@ -92,24 +97,36 @@ impl Choice {
         Self { numbers: [number; CHANNELS], total: Vec3::ZERO, kept: [None; CHANNELS], indices: [0; CHANNELS] }
     }
 
-    /// One more candidate: a channel keeps it with the probability of its share in what has come so far.
+    /// More candidates, by what they bring, of which the first has that index: a channel keeps one of them with the
+    /// probability of its share in what has come so far.
     #[inline]
-    fn add(&mut self, index: u32, candidate: &Candidate) {
-        self.total += candidate.brought;
+    fn add<const N: usize>(&mut self, first: u32, brought: &[Vec3; N], light: impl Fn(usize) -> LightSample) {
+        let mut sum = Vec3::ZERO;
+        let sums = brought.map(|brought| {
+            sum += brought;
+            sum
+        });
+        self.total += sum;
         for channel in 0..CHANNELS {
-            let number = &mut self.numbers[channel];
-            if candidate.brought[channel] <= 0.0 {
+            if sum[channel] <= 0.0 {
                 continue;
             }
-            let probability = candidate.brought[channel] / self.total[channel];
+            let number = &mut self.numbers[channel];
+            let probability = sum[channel] / self.total[channel];
             // What is infinite is kept, so that the sample shows it and is counted.
             if *number >= probability {
                 *number = ((*number - probability) / (1.0 - probability)).min(BELOW_ONE);
-            } else {
-                *number /= probability;
-                self.kept[channel] = Some(candidate.light);
-                self.indices[channel] = index;
+                continue;
             }
+            // The first whose sum lies beyond, counted without a branch; none does by rounding, or beside what is infinite.
+            let wanted = *number / probability * sum[channel];
+            let counted: usize = sums.iter().map(|sum| usize::from(sum[channel] <= wanted)).sum();
+            let is_right = brought.get(counted).is_some_and(|brought| brought[channel] > 0.0);
+            let place = if is_right { counted } else { last_of(brought, channel) };
+            let before = if place == 0 { 0.0 } else { sums[place - 1][channel] };
+            *number = ((wanted - before) / brought[place][channel]).clamp(0.0, BELOW_ONE);
+            self.kept[channel] = Some(light(place));
+            self.indices[channel] = first + place as u32;
         }
     }
 
@@ -125,6 +142,12 @@ impl Choice {
         let channel = |index: usize| if shares[index] > 0.0 { self.total[index] * shares[index] } else { 0.0 };
         Vec3::new(channel(0), channel(1), channel(2))
     }
+}
+
+/// Of what brings anything to a channel the last: what is no number counts.
+#[cold]
+fn last_of(brought: &[Vec3], channel: usize) -> usize {
+    brought.iter().rposition(|brought| brought[channel] > 0.0 || brought[channel].is_nan()).unwrap_or(0)
 }
 
 /// How the ray at hand was found, for the weight of the light that it hits.
@@ -143,6 +166,12 @@ pub(super) trait Vertex {
 
     /// What part of the light from a direction is scattered on, and the density of scattering into that direction.
     fn evaluate_with_pdf(&self, direction: Vec3) -> (Vec3, f32);
+
+    /// The same for four directions at once.
+    #[inline]
+    fn evaluate_lanes(&self, directions: &Vectors) -> Weighted {
+        Weighted::of(directions.to_array().map(|direction| self.evaluate_with_pdf(direction)))
+    }
 
     /// The ray along which a light may be hidden; `None` where it is at this very point.
     fn shadow_ray(&self, light: &LightSample) -> Option<Ray>;
@@ -163,6 +192,11 @@ impl Vertex for OnSurface<'_> {
     #[inline]
     fn evaluate_with_pdf(&self, direction: Vec3) -> (Vec3, f32) {
         self.shading.evaluate_with_pdf(direction, Transport::Radiance)
+    }
+
+    #[inline]
+    fn evaluate_lanes(&self, directions: &Vectors) -> Weighted {
+        self.shading.evaluate_lanes(directions, Transport::Radiance)
     }
 
     #[inline]
@@ -193,8 +227,10 @@ impl Transporter {
             // Of the last ray only the light that it hits counts.
             let is_last = depth == self.max_depth && depth > 0;
             if is_last && !scene.lights.has_areas() {
-                if !scene.geometry.is_occluded(&ray) {
-                    radiance += self.limited(throughput * self.background(scene, ray.direction, origin), depth);
+                // Asked for first: while the map comes out of memory the ray is traced, and where it is black it need not be.
+                let light = throughput * self.background(scene, ray.direction, origin);
+                if light != Vec3::ZERO && !scene.geometry.is_occluded(&ray) {
+                    radiance += self.limited(light, depth);
                 }
                 break;
             }
@@ -258,27 +294,69 @@ impl Transporter {
         let mut share_seen = |light: &LightSample| vertex.shadow_ray(light).and_then(|ray| visible(&ray)).unwrap_or(0.0);
         let (count, draws) = (self.emitter_candidates, self.draws());
         if draws == 1 {
-            let Some(candidate) = self.candidate(scene, vertex, numbers.bits(sets)) else { return Vec3::ZERO };
+            let light = scene.lights.sample(&scene.geometry, vertex.position(), numbers.bits(sets));
+            let Some(candidate) = light.and_then(|light| self.candidate(vertex, light)) else { return Vec3::ZERO };
             let share = share_seen(&candidate.light);
             return if share > 0.0 { candidate.brought * share } else { Vec3::ZERO };
         }
         let mut sum = Vec3::ZERO;
         for part in 0..self.emitter_samples {
             let mut choice = Choice::new(unit(numbers.bits_of_part(sets + CHOICE_SET, part, self.emitter_samples)[1]));
-            for index in part * count..(part + 1) * count {
-                if let Some(candidate) = self.candidate(scene, vertex, numbers.bits_of_part(sets, index, draws)) {
-                    choice.add(index, &candidate);
-                }
-            }
+            self.add_candidates(scene, vertex, numbers, sets, part * count..(part + 1) * count, &mut choice);
             sum += choice.seen(&mut share_seen);
         }
         sum / draws as f32
     }
 
+    /// Adds the draws of these indices to a choice: four at once where all light comes from a map.
+    #[inline]
+    fn add_candidates(
+        &self,
+        scene: &Scene,
+        vertex: &impl Vertex,
+        numbers: &Numbers<'_>,
+        sets: u32,
+        mut indices: Range<u32>,
+        choice: &mut Choice,
+    ) {
+        let bits = |index| numbers.bits_of_part(sets, index, self.draws());
+        if let Some(environment) = scene.lights.lone_environment() {
+            while indices.len() >= LANES {
+                let first = indices.start;
+                let bits = std::array::from_fn(|lane| bits(first + lane as u32));
+                let Some(lanes) = environment.sample_lanes(bits) else { break };
+                choice.add(first, &self.brought(vertex, &lanes), |lane| LightSample::of_lane(&lanes, lane));
+                indices.start += LANES as u32;
+            }
+        }
+        for index in indices {
+            let light = scene.lights.sample(&scene.geometry, vertex.position(), bits(index));
+            if let Some(Candidate { light, brought }) = light.and_then(|light| self.candidate(vertex, light)) {
+                choice.add(index, &[brought], |_| light);
+            }
+        }
+    }
+
+    /// What draws of a map bring if nothing hides them, their weights included: [`Self::candidate`] in lanes.
+    #[inline]
+    fn brought(&self, vertex: &impl Vertex, lanes: &LightLanes) -> [Vec3; LANES] {
+        let (light, scattering) = (&lanes.light, vertex.evaluate_lanes(&lanes.directions));
+        let weight = match self.strategy {
+            Strategy::Bsdf => return [Vec3::ZERO; LANES],
+            Strategy::Emitter => f32x4::ONE,
+            Strategy::Mis => {
+                let ratio = scattering.pdf / (light.pdf * self.draws() as f32);
+                1.0 / (1.0 + ratio * ratio)
+            }
+        };
+        // Where nothing shines there is no density to divide by.
+        let scale = weight / light.pdf & light.pdf.simd_gt(f32x4::ZERO);
+        scattering.value.times(&light.value).scaled(scale).to_array()
+    }
+
     /// A draw of a light; `None` where it brings nothing, hidden or not.
     #[inline]
-    fn candidate(&self, scene: &Scene, vertex: &impl Vertex, bits: [u32; 2]) -> Option<Candidate> {
-        let light = scene.lights.sample(&scene.geometry, vertex.position(), bits)?;
+    fn candidate(&self, vertex: &impl Vertex, light: LightSample) -> Option<Candidate> {
         let is_left_to_scattering = self.strategy == Strategy::Bsdf && !light.is_delta;
         if is_left_to_scattering || light.pdf <= 0.0 || light.radiance == Vec3::ZERO {
             return None;
@@ -362,18 +440,26 @@ fn power_heuristic(a: f32, b: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use std::cell::Cell;
+    use std::convert::Infallible;
 
     use super::*;
+    use crate::light::test_maps;
+    use crate::math::stream::{Purpose, Stream};
+    use crate::render::emitter::EnvironmentParameters;
+    use crate::render::emitter::environment::{Density, Environment};
 
-    /// A candidate that brings this; its density tells which one it is.
-    fn candidate(index: usize, brought: Vec3) -> Candidate {
-        let light = LightSample { direction: Vec3::Z, radiance: Vec3::ONE, pdf: index as f32, is_delta: false, target: None };
-        Candidate { light, brought }
+    /// A light whose density tells which one it is.
+    fn light(index: usize) -> LightSample {
+        LightSample { direction: Vec3::Z, radiance: Vec3::ONE, pdf: index as f32, is_delta: false, target: None }
     }
 
     fn chosen(number: f32, brought: &[Vec3]) -> Choice {
         let mut choice = Choice::new(number);
-        (0..).zip(brought).for_each(|(index, brought)| choice.add(index, &candidate(index as usize, *brought)));
+        // Four at once, and the others one by one.
+        let (fours, others) = brought.as_chunks::<LANES>();
+        let first_other = LANES * fours.len();
+        (0..).step_by(LANES).zip(fours).for_each(|(first, four)| choice.add(first as u32, four, |lane| light(first + lane)));
+        (first_other..).zip(others).for_each(|(index, brought)| choice.add(index as u32, &[*brought], |_| light(index)));
         choice
     }
 
@@ -409,6 +495,41 @@ mod tests {
                 1.0
             });
             assert_eq!(asked.get(), 1, "{k}");
+        }
+    }
+
+    /// A surface that scatters more of what comes from above.
+    struct Above;
+
+    impl Vertex for Above {
+        fn position(&self) -> Vec3 {
+            Vec3::ZERO
+        }
+
+        fn evaluate_with_pdf(&self, direction: Vec3) -> (Vec3, f32) {
+            let pdf = direction.y.max(0.0);
+            (Vec3::new(0.1, 0.5, 0.9) * pdf, pdf)
+        }
+
+        fn shadow_ray(&self, _: &LightSample) -> Option<Ray> {
+            None
+        }
+    }
+
+    #[test]
+    fn draws_in_lanes_bring_what_single_ones_do() {
+        let map = test_maps::noisy(32, 16);
+        let environment = Environment::new(&map, &EnvironmentParameters::default(), Density::Full, || Ok::<(), Infallible>(())).unwrap().0;
+        let mut numbers = Stream::new(4, Purpose::Test).generator(0);
+        for strategy in [Strategy::Mis, Strategy::Emitter, Strategy::Bsdf] {
+            let transporter = Transporter { strategy, emitter_candidates: 4, ..Transporter::EMITTERS_ALONE };
+            for _ in 0..500 {
+                let lanes = environment.sample_lanes(std::array::from_fn(|_| [0; 2].map(|_: u32| numbers.bits() as u32))).unwrap();
+                for (lane, brought) in transporter.brought(&Above, &lanes).into_iter().enumerate() {
+                    let single = transporter.candidate(&Above, LightSample::of_lane(&lanes, lane));
+                    assert_eq!(brought, single.map_or(Vec3::ZERO, |single| single.brought), "{strategy:?}");
+                }
+            }
         }
     }
 

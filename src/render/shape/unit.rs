@@ -56,6 +56,10 @@ pub fn intersect(unit: Unit, origin: DVec3, direction: DVec3, reach: f64) -> Opt
 fn intersect_sphere(origin: DVec3, direction: DVec3, reach: f64) -> Option<f64> {
     let a = direction.length_squared();
     let b = origin.dot(direction);
+    // From outside and away: most rays that leave a ball are told by this.
+    if b >= 0.0 && origin.length_squared() >= 1.0 {
+        return None;
+    }
     // The foot of the perpendicular from the center; its length decides, and nothing large cancels.
     let foot = origin - direction * (b / a);
     let discriminant = a * (1.0 - foot.length_squared());
