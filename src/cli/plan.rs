@@ -10,13 +10,15 @@ use super::screen::{Screen, json_text};
 use crate::engine::diagnostic::escape;
 use crate::engine::manifest::{JobEntry, Outcome, place_text};
 use crate::engine::run;
-use crate::engine::sweep::build;
+use crate::engine::run::ahead::Ahead;
+use crate::engine::sweep::build_beside;
 use crate::stages::registry;
 
 /// Shows the plan; writes nothing.
 pub fn plan(work: &WorkArguments, format: PlanFormat, screen: &Screen) -> Ending {
     let as_json = format == PlanFormat::Json;
-    let (graph, warnings) = match build(&registry(), &work.request()) {
+    let places = work.places.places();
+    let (graph, warnings, ahead) = match build_beside(&registry(), &work.request(), |pipeline| Ahead::begin(&places, pipeline)) {
         Ok(built) => built,
         Err(errors) => {
             screen.show(&errors, as_json);
@@ -26,7 +28,7 @@ pub fn plan(work: &WorkArguments, format: PlanFormat, screen: &Screen) -> Ending
     if !work.talk.quiet && !as_json {
         screen.show(&warnings, false);
     }
-    let (jobs, store_warnings) = match run::plan(&graph, &work.places.places()) {
+    let (jobs, store_warnings) = match run::plan(&graph, ahead) {
         Ok(planned) => planned,
         Err(error) => return refuse(&error, as_json, screen),
     };

@@ -17,9 +17,10 @@ use crate::engine::graph::Graph;
 use crate::engine::manifest::Status;
 use crate::engine::registry::Registry;
 use crate::engine::request::Request;
+use crate::engine::run::ahead::Ahead;
 use crate::engine::run::{self, Places, RunError, Summary};
 use crate::engine::schedule::{Settings, panics};
-use crate::engine::sweep::build;
+use crate::engine::sweep::build_beside;
 use crate::stages::registry;
 
 /// Runs a pipeline.
@@ -62,7 +63,7 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
         }
     }
     let registry = registry();
-    let (graph, warnings) = match build(&registry, &request) {
+    let (graph, warnings, ahead) = match build_beside(&registry, &request, |pipeline| Ahead::begin(&places, pipeline)) {
         Ok(built) => built,
         Err(errors) => {
             screen.show(&errors, command.format == PlanFormat::Json);
@@ -80,7 +81,7 @@ pub fn run(command: &RunCommand, screen: &Screen) -> Ending {
             return Ending::System;
         }
     };
-    let result = execute(graph, &request, &registry, &places, &manner, events, &interrupt, screen);
+    let result = execute(graph, &request, &registry, ahead, &manner, events, &interrupt, screen);
     match result {
         Ok(summary) => finish(&summary),
         Err(error) => refuse(&error, command.format == PlanFormat::Json, screen),
@@ -146,7 +147,7 @@ pub fn execute(
     graph: Graph,
     request: &Request,
     registry: &Registry,
-    places: &Places,
+    ahead: Ahead,
     manner: &Manner,
     events: Option<BufWriter<File>>,
     interrupt: &Interrupt,
@@ -155,10 +156,10 @@ pub fn execute(
     panics::hush();
     let settings = manner.settings();
     let progress = Progress::new(screen, manner.talk, settings.threads);
-    let viewer = manner.view.as_ref().and_then(|address| Viewer::connect(address, places.outputs.join(&graph.pipeline)));
+    let viewer = manner.view.as_ref().and_then(|address| Viewer::connect(address, ahead.places().outputs.join(&graph.pipeline)));
     let mut listener = Listeners { interrupt: interrupt.clone(), progress, events, viewer };
     let hiring = manner.team.as_ref().map(|team| team.hiring(request, &manner.machine, manner.talk, screen));
-    let result = run::run(graph, registry, places, settings, interrupt.flag.clone(), hiring, &mut listener);
+    let result = run::run(graph, registry, ahead, settings, interrupt.flag.clone(), hiring, &mut listener);
     listener.progress.end();
     listener.viewer.into_iter().for_each(Viewer::end);
     result

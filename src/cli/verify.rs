@@ -12,7 +12,8 @@ use crate::engine::manifest::{Manifest, Program, Status, place_text};
 use crate::engine::provenance::runs::{self, FoundRun, LookupError};
 use crate::engine::provenance::verification::{Scratch, Verdict, VerificationError, judge};
 use crate::engine::run::Summary;
-use crate::engine::sweep::build;
+use crate::engine::run::ahead::Ahead;
+use crate::engine::sweep::build_beside;
 use crate::stages::registry;
 
 /// Differences that are shown of each kind.
@@ -81,7 +82,8 @@ fn run_again(
     screen: &Screen,
 ) -> Result<(Manifest, Summary), Ending> {
     let registry = registry();
-    let (graph, _) = build(&registry, scratch.request()).map_err(|errors| {
+    let places = scratch.places();
+    let (graph, _, ahead) = build_beside(&registry, scratch.request(), |pipeline| Ahead::begin(&places, pipeline)).map_err(|errors| {
         screen.show(&errors, command.format == Format::Json);
         let this = Program::this();
         let recorded = &run.manifest.program.version;
@@ -92,8 +94,7 @@ fn run_again(
     })?;
     // What failed in the recorded run may fail again; everything else is compared.
     let manner = Manner { machine: command.machine, keep_going: true, talk: command.talk, view: None, team: None };
-    let places = scratch.places();
-    let summary = execute(graph, scratch.request(), &registry, &places, &manner, None, interrupt, screen)
+    let summary = execute(graph, scratch.request(), &registry, ahead, &manner, None, interrupt, screen)
         .map_err(|error| refuse(&error, command.format == Format::Json, screen))?;
     match runs::read(&summary.manifest) {
         Ok(again) => Ok((again.manifest, summary)),

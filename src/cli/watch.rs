@@ -20,6 +20,7 @@ use crate::engine::graph::Graph;
 use crate::engine::manifest::Status;
 use crate::engine::registry::Registry;
 use crate::engine::source::without_dots;
+use crate::engine::run::ahead::Ahead;
 use crate::engine::sweep::build;
 use crate::stages::registry;
 
@@ -49,7 +50,8 @@ pub fn watch(command: &WatchCommand, screen: &Screen) -> Ending {
         }
         let files = watched(&graph);
         let before = stamps(&files);
-        match execute(graph, &command.work.request(), &registry, &command.work.places.places(), &manner, None, &interrupt, screen) {
+        let ahead = Ahead::begin(&command.work.places.places(), &graph.pipeline);
+        match execute(graph, &command.work.request(), &registry, ahead, &manner, None, &interrupt, screen) {
             Ok(summary) if summary.status == Status::Interrupted => {
                 return conclude(command.work.talk, PlanFormat::Text, &summary, &interrupt, screen);
             }

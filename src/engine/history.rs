@@ -35,16 +35,20 @@ pub struct History {
 }
 
 /// The text of a manifest, with the place of each job in it.
-struct EarlierRun {
+pub struct EarlierRun {
     text: String,
     /// By stage, then by the text of the coordinate: which line it is, and where.
     jobs: HashMap<String, HashMap<String, (usize, Range<usize>)>>,
 }
 
 impl EarlierRun {
-    /// `None` if it is no manifest of a run that did something.
     fn read(path: &Path) -> Option<Self> {
-        let run = Self::of_text(fs::read_to_string(path).ok()?);
+        Self::of_manifest(fs::read_to_string(path).ok()?)
+    }
+
+    /// `None` if it is no manifest of a run that did something.
+    pub fn of_manifest(text: String) -> Option<Self> {
+        let run = Self::of_text(text);
         if !run.jobs.is_empty() {
             return Some(run);
         }
@@ -98,12 +102,13 @@ fn place_of(entry: &str) -> Option<JobPlace> {
 }
 
 impl History {
-    /// The history of a pipeline whose outputs stand in `folder`.
-    pub fn new(folder: PathBuf, graph: &Graph) -> Self {
+    /// The history of a pipeline whose outputs stand in `folder`; the latest run, if it was read already.
+    pub fn new(folder: PathBuf, graph: &Graph, latest: Option<EarlierRun>) -> Self {
         let name = |job: &super::graph::JobNode| graph.stages[job.stage].name.clone();
         let present = graph.jobs.iter().map(|job| (name(job), job.coordinate.to_string())).collect();
         let stages = graph.stages.iter().map(|stage| stage.name.clone()).collect();
-        Self { folder, present, stages, runs: Vec::new(), unread: None }
+        let unread = latest.is_some().then(|| manifests(&folder).split_off(1).into_iter());
+        Self { folder, present, stages, runs: latest.into_iter().collect(), unread }
     }
 
     /// Why this job has no result in the store, as far as its entry is filled in.

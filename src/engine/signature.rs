@@ -138,6 +138,11 @@ impl Signatures {
         library.note(NOTE).map(|text| Self::from_text(&text)).unwrap_or_default()
     }
 
+    /// The same if they are sound; nothing is said or set aside if not.
+    pub fn glance(library: &Library) -> Option<Self> {
+        library.glance_at_note(NOTE).map(|text| Self::from_text(&text))
+    }
+
     /// Leaves them in a store, if this run learnt something.
     pub fn keep_in(&self, library: &Library) -> Result<(), SystemError> {
         if self.has_news { library.keep_note(NOTE, &self.to_text()) } else { Ok(()) }

@@ -42,6 +42,12 @@ impl fmt::Display for SystemText<'_> {
     }
 }
 
+/// Gives memory back beside what is left to do: many small pieces take their time.
+pub fn let_go(what: impl Send + 'static) {
+    // Without another thread it is done here.
+    let _ = std::thread::Builder::new().spawn(move || drop(what));
+}
+
 /// A name for a temporary file that no other process and no other call gives.
 ///
 /// It names its owner, so that a later run can tell the leftovers of a dead process from the work of a live one.

@@ -18,6 +18,7 @@ use super::manifest::{Manifest, Outcome};
 use super::parameter::{InputFile, Port, Ports};
 use super::registry::Registry;
 use super::resources::Resources;
+use super::run::ahead::Ahead;
 use super::run::{self, Places, RunError, Summary};
 use super::schedule::Settings;
 use super::stage::{InputSizes, ResultDeclaration, Stage, StageError};
@@ -328,7 +329,8 @@ impl Space {
             start_pool: |_| {},
         };
         let registry = Registry::default().with::<Trial>().with_artifact::<Text>();
-        run::run(graph, &registry, places, settings, self.interrupted.clone(), None, &mut Silence)
+        let ahead = Ahead::begin(places, &graph.pipeline);
+        run::run(graph, &registry, ahead, settings, self.interrupted.clone(), None, &mut Silence)
     }
 
     pub fn run_graph(&self, graph: Graph) -> Summary {

@@ -12,7 +12,7 @@ use std::fmt::Write;
 use serde_json::Value as Json;
 
 use crate::engine::lines::{add_line, add_text};
-use crate::engine::manifest::{FileEntry, JobEntry, Manifest, Outcome, PublishedEntry, SpecEntry, Status, place_text, plain_text};
+use crate::engine::manifest::{FileEntry, JobEntry, Manifest, Outcome, Status, place_text, plain_text};
 
 /// Name of the file, beside the manifest.
 pub const FILE_NAME: &str = "ro-crate-metadata.json";
@@ -43,36 +43,57 @@ fn workflow_path(manifest: &Manifest, path: &str) -> String {
 
 /// The text of the crate.
 pub fn text(manifest: &Manifest) -> String {
-    let entities = Crate::new(manifest).entities();
     let head = format!("{{\"@context\":[\"{CRATE}/context\",\"https://w3id.org/ro/terms/workflow-run/context\"],\"@graph\":[\n");
-    head + &entities.join(",\n") + "\n]}\n"
+    // About as much as a job with a file takes.
+    let mut text = Vec::with_capacity(head.len() + (manifest.jobs.len() + manifest.published.len() + 8) * 768);
+    text.extend(head.as_bytes());
+    Crate::new(manifest).write(&mut Entities { text: &mut text, has_any: false });
+    text.extend(b"\n]}\n");
+    String::from_utf8(text).expect("JSON is UTF-8")
 }
 
-/// An entity as it is written: there may be several for each of many thousand jobs.
-struct Entity(Vec<u8>);
+/// The entities of a crate, one behind the other: there may be several for each of many thousand jobs.
+struct Entities<'t> {
+    text: &'t mut Vec<u8>,
+    has_any: bool,
+}
 
-impl Entity {
-    fn new(id: &str, types: &[&str]) -> Self {
-        let entity = Self(b"{\"@id\":".to_vec()).value(id);
+impl Entities<'_> {
+    /// Begins one.
+    fn add(&mut self, id: &str, types: &[&str]) -> Entity<'_> {
+        if self.has_any {
+            self.text.extend(b",\n");
+        }
+        self.has_any = true;
+        self.text.extend(b"{\"@id\":");
+        let entity = Entity { text: self.text }.value(id);
         match types {
             [only] => entity.text("@type", only),
             several => {
-                let mut entity = entity.name("@type");
-                add_line(several, &mut entity.0);
+                let entity = entity.name("@type");
+                add_line(several, entity.text);
                 entity
             }
         }
     }
+}
 
-    fn value(mut self, text: &str) -> Self {
-        add_text(text, &mut self.0);
+/// An entity that is being written.
+#[must_use = "it is not closed before its end"]
+struct Entity<'t> {
+    text: &'t mut Vec<u8>,
+}
+
+impl Entity<'_> {
+    fn value(self, text: &str) -> Self {
+        add_text(text, self.text);
         self
     }
 
     fn name(mut self, name: &str) -> Self {
-        self.0.push(b',');
+        self.text.push(b',');
         self = self.value(name);
-        self.0.push(b':');
+        self.text.push(b':');
         self
     }
 
@@ -82,27 +103,26 @@ impl Entity {
 
     fn reference(mut self, name: &str, id: &str) -> Self {
         self = self.name(name);
-        self.0.extend(b"{\"@id\":");
+        self.text.extend(b"{\"@id\":");
         self = self.value(id);
-        self.0.push(b'}');
+        self.text.push(b'}');
         self
     }
 
     fn references(mut self, name: &str, ids: impl IntoIterator<Item = impl AsRef<str>>) -> Self {
         self = self.name(name);
-        self.0.push(b'[');
+        self.text.push(b'[');
         for (index, id) in ids.into_iter().enumerate() {
-            self.0.extend(if index == 0 { b"{\"@id\":".as_slice() } else { b",{\"@id\":" });
+            self.text.extend(if index == 0 { b"{\"@id\":".as_slice() } else { b",{\"@id\":" });
             self = self.value(id.as_ref());
-            self.0.push(b'}');
+            self.text.push(b'}');
         }
-        self.0.push(b']');
+        self.text.push(b']');
         self
     }
 
-    fn end(mut self) -> String {
-        self.0.push(b'}');
-        String::from_utf8(self.0).expect("JSON is UTF-8")
+    fn end(self) {
+        self.text.push(b'}');
     }
 }
 
@@ -130,19 +150,19 @@ impl<'m> Crate<'m> {
         Self { manifest, files, stages, jobs, has_steps }
     }
 
-    fn entities(&self) -> Vec<String> {
+    fn write(&self, out: &mut Entities<'_>) {
         let no_license = "The author of the pipeline decides on the license of its results.";
-        let mut entities = vec![descriptor(), self.root(), self.workflow()];
-        entities.extend(
-            self.profiles().map(|(id, name, version)| Entity::new(id, &["CreativeWork"]).text("name", name).text("version", version).end()),
-        );
-        let license = Entity::new("#no-license", &["CreativeWork"]);
-        entities.push(license.text("name", "No license is stated").text("description", no_license).end());
-        entities.extend(self.programs());
-        entities.extend(self.parameters());
-        entities.extend(self.data());
-        entities.extend(self.actions());
-        entities
+        out.add(FILE_NAME, &["CreativeWork"]).reference("about", "./").references("conformsTo", [CRATE, WORKFLOW_CRATE]).end();
+        self.add_root(out);
+        self.add_workflow(out);
+        for (id, name, version) in self.profiles() {
+            out.add(id, &["CreativeWork"]).text("name", name).text("version", version).end();
+        }
+        out.add("#no-license", &["CreativeWork"]).text("name", "No license is stated").text("description", no_license).end();
+        self.add_programs(out);
+        self.add_parameters(out);
+        self.add_data(out);
+        self.add_actions(out);
     }
 
     fn profiles(&self) -> impl Iterator<Item = (&'static str, &'static str, &'static str)> + use<> {
@@ -153,14 +173,14 @@ impl<'m> Crate<'m> {
         self.manifest.spec.first().map(|entry| path_id(&workflow_path(self.manifest, &entry.path))).unwrap_or_default()
     }
 
-    fn root(&self) -> String {
+    fn add_root(&self, out: &mut Entities<'_>) {
         let manifest = self.manifest;
         let texts = workflow_files(manifest).map(|(path, _)| path_id(&path));
         let published = manifest.published.iter().map(|entry| path_id(&entry.path));
         let parts = texts.chain(["manifest.json".to_owned()]).chain(published).chain(self.inputs().into_keys());
         let description =
             format!("Files that the pipeline {} published, and how each was made; result_id {}", manifest.pipeline, manifest.result_id);
-        Entity::new("./", &["Dataset"])
+        out.add("./", &["Dataset"])
             .text("name", &format!("Run {} of the pipeline {}", manifest.run_id, manifest.pipeline))
             .text("description", &description)
             .text("datePublished", &manifest.measured.started)
@@ -169,14 +189,15 @@ impl<'m> Crate<'m> {
             .reference("mainEntity", &self.main_id())
             .references("hasPart", parts)
             .references("mentions", self.has_steps.then_some("#organize").into_iter().chain([RUN]))
-            .end()
+            .end();
     }
 
-    fn workflow(&self) -> String {
+    fn add_workflow(&self, out: &mut Entities<'_>) {
         let manifest = self.manifest;
         let digest = manifest.spec.first().map(|entry| entry.sha256.to_string()).unwrap_or_default();
         let types = ["File", "SoftwareSourceCode", "ComputationalWorkflow", "HowTo"];
-        let workflow = Entity::new(&self.main_id(), if self.has_steps { &types } else { &types[..3] })
+        let workflow = out
+            .add(&self.main_id(), if self.has_steps { &types } else { &types[..3] })
             .text("name", &manifest.pipeline)
             .text("encodingFormat", "application/yaml")
             .text("sha256", &digest)
@@ -193,33 +214,33 @@ impl<'m> Crate<'m> {
         self.stages.iter().map(|job| (tool_id(job), (job.kind.as_str(), job.version))).collect()
     }
 
-    fn programs(&self) -> Vec<String> {
+    fn add_programs(&self, out: &mut Entities<'_>) {
         let program = &self.manifest.program;
-        let language = Entity::new(LANGUAGE, &["ComputerLanguage"])
+        out.add(LANGUAGE, &["ComputerLanguage"])
             .text("name", "pipeline file")
             .text("alternateName", "YAML")
             .reference("identifier", "https://yaml.org/spec/1.2.2/")
-            .reference("url", "https://yaml.org/");
-        let engine = Entity::new(ENGINE, &["SoftwareApplication"])
+            .reference("url", "https://yaml.org/")
+            .end();
+        out.add(ENGINE, &["SoftwareApplication"])
             .text("name", &program.name)
             .text("softwareVersion", &program.version)
-            .text("description", &format!("{} build", program.build));
-        let tool = |(id, (kind, version)): (String, (&str, u32))| {
-            Entity::new(&id, &["SoftwareApplication"])
+            .text("description", &format!("{} build", program.build))
+            .end();
+        for (id, (kind, version)) in self.tools() {
+            out.add(&id, &["SoftwareApplication"])
                 .text("name", kind)
                 .text("softwareVersion", &version.to_string())
                 .text("description", &format!("Stages of the kind {kind}; `pipeline stages {kind}` explains it"))
-                .end()
-        };
-        let step = |(index, job): (usize, &&JobEntry)| {
-            Entity::new(&step_id(&job.stage), &["HowToStep"])
+                .end();
+        }
+        for (index, job) in self.stages.iter().enumerate().filter(|_| self.has_steps) {
+            out.add(&step_id(&job.stage), &["HowToStep"])
                 .text("name", &job.stage)
                 .text("position", &(index + 1).to_string())
                 .reference("workExample", &tool_id(job))
-                .end()
-        };
-        let steps = self.stages.iter().enumerate().filter(|_| self.has_steps).map(step);
-        [language.end(), engine.end()].into_iter().chain(self.tools().into_iter().map(tool)).chain(steps).collect()
+                .end();
+        }
     }
 
     /// What the command line changed, and the seed: identifier, name, value.
@@ -233,20 +254,17 @@ impl<'m> Crate<'m> {
         [vec![seed], texts("params", "parameter"), texts("axes", "axis")].into_iter().flatten()
     }
 
-    fn parameters(&self) -> Vec<String> {
-        let mut entities = Vec::new();
+    fn add_parameters(&self, out: &mut Entities<'_>) {
         for (id, name, value) in self.formal_inputs() {
             let value_id = format!("{id}-value");
-            let formal = Entity::new(&id, &["FormalParameter"]).text("additionalType", "PropertyValue").text("name", &name);
-            entities.push(formal.reference("workExample", &value_id).end());
-            let actual = Entity::new(&value_id, &["PropertyValue"]).text("name", &name).text("value", &value);
-            entities.push(actual.reference("exampleOfWork", &id).end());
+            let formal = out.add(&id, &["FormalParameter"]).text("additionalType", "PropertyValue").text("name", &name);
+            formal.reference("workExample", &value_id).end();
+            out.add(&value_id, &["PropertyValue"]).text("name", &name).text("value", &value).reference("exampleOfWork", &id).end();
         }
         for (stage, paths) in self.published_stages() {
-            let formal = Entity::new(&output_id(stage), &["FormalParameter"]).text("additionalType", "File").text("name", stage);
-            entities.push(formal.references("workExample", paths.into_iter().map(path_id)).end());
+            let formal = out.add(&output_id(stage), &["FormalParameter"]).text("additionalType", "File").text("name", stage);
+            formal.references("workExample", paths.into_iter().map(path_id)).end();
         }
-        entities
     }
 
     /// Paths of published files by stage, with `.result` for a further one.
@@ -262,69 +280,67 @@ impl<'m> Crate<'m> {
         self.manifest.jobs.iter().flat_map(|job| &job.files).map(|file| (input_id(file), file)).collect()
     }
 
-    fn data(&self) -> Vec<String> {
+    fn add_data(&self, out: &mut Entities<'_>) {
         let manifest = self.manifest;
-        let own = Entity::new("manifest.json", &["File"])
+        out.add("manifest.json", &["File"])
             .text("name", "The program's own record of the run")
-            .text("encodingFormat", "application/json");
-        let include = |entry: &SpecEntry| {
-            Entity::new(&path_id(&workflow_path(manifest, &entry.path)), &["File", "SoftwareSourceCode"])
+            .text("encodingFormat", "application/json")
+            .end();
+        for entry in manifest.spec.iter().skip(1) {
+            out.add(&path_id(&workflow_path(manifest, &entry.path)), &["File", "SoftwareSourceCode"])
                 .text("name", &entry.path)
                 .text("encodingFormat", "application/yaml")
                 .text("sha256", &entry.sha256.to_string())
-                .end()
-        };
-        let input = |(id, file): (String, &FileEntry)| {
-            Entity::new(&id, &["File"]).text("name", &file.path).text("sha256", &file.sha256.to_string()).end()
-        };
-        let published = |entry: &PublishedEntry| {
-            Entity::new(&path_id(&entry.path), &["File"])
+                .end();
+        }
+        for (id, file) in self.inputs() {
+            out.add(&id, &["File"]).text("name", &file.path).text("sha256", &file.sha256.to_string()).end();
+        }
+        for entry in &manifest.published {
+            out.add(&path_id(&entry.path), &["File"])
                 .text("name", &entry.job)
                 .text("encodingFormat", encoding_format(&entry.path))
                 .text("sha256", &entry.sha256.to_string())
                 .reference("exampleOfWork", &output_id(stage_of(&entry.job)))
-                .end()
-        };
-        let includes = manifest.spec.iter().skip(1).map(include);
-        let files = includes.chain(self.inputs().into_iter().map(input)).chain(manifest.published.iter().map(published));
-        std::iter::once(own.end()).chain(files).collect()
+                .end();
+        }
     }
 
-    fn actions(&self) -> Vec<String> {
+    fn add_actions(&self, out: &mut Entities<'_>) {
         let manifest = self.manifest;
         let started = &manifest.measured.started;
         let ended = end_of(started, manifest.measured.seconds);
-        let mut entities = vec![self.run(&ended)];
+        self.add_run(out, &ended);
         let numbered = || self.jobs.iter().enumerate();
         if self.has_steps {
             let controls = numbered().filter(|(_, job)| was_executed(job));
-            let organize = Entity::new("#organize", &["OrganizeAction"])
+            out.add("#organize", &["OrganizeAction"])
                 .text("name", &format!("Scheduling of run {}", manifest.run_id))
                 .reference("instrument", ENGINE)
                 .text("startTime", started)
                 .text("endTime", &ended)
                 .references("object", controls.clone().map(|(index, _)| format!("#control-{index}")))
-                .reference("result", RUN);
-            entities.push(organize.end());
-            entities.extend(controls.map(|(index, job)| {
-                Entity::new(&format!("#control-{index}"), &["ControlAction"])
+                .reference("result", RUN)
+                .end();
+            for (index, job) in controls {
+                out.add(&format!("#control-{index}"), &["ControlAction"])
                     .text("name", &place_text(&job.stage, &job.coordinate))
                     .text("description", &job.reason)
                     .reference("instrument", &step_id(&job.stage))
                     .reference("object", &format!("#job-{index}"))
-                    .end()
-            }));
+                    .end();
+            }
         }
-        entities.extend(numbered().flat_map(|(index, job)| self.action(index, job)));
-        entities
+        numbered().for_each(|(index, job)| self.add_action(out, index, job));
     }
 
     /// The run as a whole.
-    fn run(&self, ended: &str) -> String {
+    fn add_run(&self, out: &mut Entities<'_>, ended: &str) {
         let manifest = self.manifest;
         let is_done = manifest.status == Status::Done;
         let values = self.formal_inputs().map(|(id, ..)| format!("{id}-value"));
-        let run = Entity::new(RUN, &["CreateAction"])
+        let run = out
+            .add(RUN, &["CreateAction"])
             .text("name", &format!("Run {} of {}", manifest.run_id, manifest.pipeline))
             .reference("instrument", &self.main_id())
             .text("startTime", &manifest.measured.started)
@@ -339,11 +355,12 @@ impl<'m> Crate<'m> {
     }
 
     /// The work of one job: with which tool, of what, and what came of it.
-    fn action(&self, index: usize, job: &JobEntry) -> impl Iterator<Item = String> + use<> {
+    fn add_action(&self, out: &mut Entities<'_>, index: usize, job: &JobEntry) {
         let id = format!("#job-{index}");
         let how = if was_executed(job) { "executed by this run" } else { "executed by an earlier run, its results taken from the store" };
         let key = job.key.map(|key| format!("; key {key}")).unwrap_or_default();
-        let mut action = Entity::new(&id, &["CreateAction"])
+        let mut action = out
+            .add(&id, &["CreateAction"])
             .text("name", &place_text(&job.stage, &job.coordinate))
             .text("description", &format!("{how}{key}"))
             .reference("instrument", &tool_id(job))
@@ -362,15 +379,11 @@ impl<'m> Crate<'m> {
         if !objects.is_empty() {
             action = action.references("object", objects);
         }
-        let values = parameters
-            .map(|id| Entity::new(&id, &["PropertyValue"]).text("name", "parameters").text("value", &job.parameters.to_string()).end());
-        std::iter::once(action.end()).chain(values)
+        action.end();
+        if let Some(id) = parameters {
+            out.add(&id, &["PropertyValue"]).text("name", "parameters").text("value", &job.parameters.to_string()).end();
+        }
     }
-}
-
-fn descriptor() -> String {
-    let descriptor = Entity::new(FILE_NAME, &["CreativeWork"]).reference("about", "./");
-    descriptor.references("conformsTo", [CRATE, WORKFLOW_CRATE]).end()
 }
 
 fn was_executed(job: &JobEntry) -> bool {
@@ -474,7 +487,7 @@ mod tests {
 
     use super::*;
     use crate::engine::digest::Digest;
-    use crate::engine::manifest::{Machine, Measured, OutputEntry, Program, SCHEMA};
+    use crate::engine::manifest::{Machine, Measured, OutputEntry, Program, PublishedEntry, SCHEMA, SpecEntry};
 
     fn job(stage: &str, n: u32, outcome: Outcome) -> JobEntry {
         let output = OutputEntry { name: String::new(), type_name: "image".into(), sha256: Digest::of(stage.as_bytes()), bytes: 3 };

@@ -90,7 +90,7 @@ pub struct FileContent {
     pub key: Digest,
 }
 
-/// What stands, as a run has just left it.
+/// What stands, as a run has just left it, but for its records.
 pub struct Finished<'a> {
     /// The pipeline.
     pub graph: &'a Graph,
@@ -100,8 +100,6 @@ pub struct Finished<'a> {
     pub outputs: &'a OutputFolder,
     /// All files that it stands behind, in order.
     pub published: Vec<FileContent>,
-    /// What is in the records of that run, in the order of [`RECORDS`]; `None` if they are gone.
-    pub records: Option<[Digest; 2]>,
     /// The run that made them.
     pub run_id: &'a str,
     /// See [`result_id`](crate::engine::manifest::result_id).
@@ -110,18 +108,43 @@ pub struct Finished<'a> {
     pub warnings: &'a [WarningEntry],
 }
 
-/// Notes what a run rested on that is done. A run that is to say or do something every time leaves no note.
-pub fn note(found: &Finished<'_>, places: &Places, library: &Library, signatures: &mut Signatures) -> Result<(), SystemError> {
-    let graph = found.graph;
-    if graph.has_warnings || graph.jobs.iter().any(|job| job.is_forced) {
-        return Ok(());
+/// A note that lacks the records of its run.
+pub struct Note {
+    name: String,
+    contents: String,
+    basis: Basis,
+}
+
+impl Note {
+    /// What a run rested on that is done. A run that is to say or do something every time leaves no note.
+    pub fn of(found: &Finished<'_>, places: &Places, signatures: &mut Signatures) -> Option<Self> {
+        let graph = found.graph;
+        if graph.has_warnings || graph.jobs.iter().any(|job| job.is_forced) {
+            return None;
+        }
+        let contents = line(&found.published);
+        let basis = basis(found, Digest::of(contents.as_bytes()), signatures)?;
+        let name = note_name(&graph.request, places, &Digest::of(graph.sources.first()?.text.as_bytes()));
+        Some(Self { name, contents, basis })
     }
-    let contents = line(&found.published);
-    let basis = basis(found, Digest::of(contents.as_bytes()), signatures);
-    let (Some(basis), Some(text)) = (basis, graph.sources.first()) else { return Ok(()) };
-    let name = note_name(&graph.request, places, &Digest::of(text.text.as_bytes()));
-    library.keep_note(&contents_name(&name), &contents)?;
-    library.keep_note(&name, &line(&basis))
+
+    /// Leaves it in the store, with what is in the records of the run, in the order of [`RECORDS`].
+    pub fn keep(
+        mut self,
+        records: [Digest; 2],
+        outputs: &OutputFolder,
+        library: &Library,
+        signatures: &mut Signatures,
+    ) -> Result<(), SystemError> {
+        let record = |((name, kept_as), digest): ((&str, &str), Digest)| {
+            let (name, kept_as) = (name.to_owned(), kept_as.to_owned());
+            KnownRecord { name, kept_as, digest, signature: None }
+        };
+        self.basis.records = RECORDS.into_iter().zip(records).map(record).collect();
+        self.basis.learn_signatures_of_records(outputs, signatures);
+        library.keep_note(&contents_name(&self.name), &self.contents)?;
+        library.keep_note(&self.name, &line(&self.basis))
+    }
 }
 
 fn basis(found: &Finished<'_>, contents: Digest, signatures: &mut Signatures) -> Option<Basis> {
@@ -134,19 +157,13 @@ fn basis(found: &Finished<'_>, contents: Digest, signatures: &mut Signatures) ->
     inputs.dedup();
     let sources = texts.chain(inputs).map(|(path, digest)| known_source(path, digest, signatures)).collect::<Option<_>>()?;
 
-    let record = |((name, kept_as), digest): ((&str, &str), Digest)| KnownRecord {
-        name: name.to_owned(),
-        kept_as: kept_as.to_owned(),
-        digest,
-        signature: None,
-    };
     let mut basis = Basis {
         program: this_program()?,
         request: graph.request.clone(),
         pipeline: graph.pipeline.clone(),
         is_whole: graph.is_whole,
         sources,
-        records: RECORDS.into_iter().zip(found.records?).map(record).collect(),
+        records: Vec::new(),
         published: by_folder(&found.published),
         contents,
         run_id: found.run_id.to_owned(),
@@ -226,6 +243,7 @@ pub fn run(
             Some(done) => restored = done,
             None => return Ok(None),
         }
+        basis.learn_signatures_of_records(&outputs, &mut signatures);
         basis.learn_signatures(&outputs, &contents, &mut signatures);
         signatures.keep_in(&library)?;
         library.keep_note(&name, &line(&basis))?;
@@ -290,12 +308,16 @@ impl Basis {
         Odd { files, has_records }
     }
 
-    /// Takes down the signatures of the files as they are, where these are known to have their bytes.
+    /// Takes down the signatures of the records beside the files, where these are known to have their bytes.
+    fn learn_signatures_of_records(&mut self, outputs: &OutputFolder, signatures: &mut Signatures) {
+        for record in &mut self.records {
+            record.signature = outputs.signature(&record.name).filter(|found| signatures.known_by(found) == Some(record.digest));
+        }
+    }
+
+    /// The same of the files.
     fn learn_signatures(&mut self, outputs: &OutputFolder, contents: &[FileContent], signatures: &mut Signatures) {
         let mut known = |found: Option<Signature>, digest: &Digest| found.filter(|found| signatures.known_by(found) == Some(*digest));
-        for record in &mut self.records {
-            record.signature = known(outputs.signature(&record.name), &record.digest);
-        }
         let mut contents = contents.iter();
         for (folder, files) in &mut self.published {
             let found = outputs.signatures(folder, files.iter().map(|(name, _)| name.as_str()));

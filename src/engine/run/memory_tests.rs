@@ -9,6 +9,7 @@ use crate::engine::events::{Event, Listener, Silence};
 use crate::engine::manifest::{Manifest, ShortManifest, Status};
 use crate::engine::registry::Registry;
 use crate::engine::request::Request;
+use crate::engine::run::ahead::Ahead;
 use crate::engine::run::{self, Summary, memory};
 use crate::engine::schedule::Settings;
 use crate::engine::sweep::build;
@@ -36,7 +37,8 @@ fn by_memory(space: &Space) -> Option<Summary> {
 fn by_plan(space: &Space, request: &Request) -> Summary {
     let registry = Registry::default().with::<Trial>().with_artifact::<Text>();
     let graph = build(&registry, request).map_err(|errors| format!("{errors:?}")).unwrap().0;
-    run::run(graph, &registry, &space.places(), settings(), space.interrupted.clone(), None, &mut Silence).unwrap()
+    let ahead = Ahead::begin(&space.places(), &graph.pipeline);
+    run::run(graph, &registry, ahead, settings(), space.interrupted.clone(), None, &mut Silence).unwrap()
 }
 
 /// Writes a text and makes a whole run over it.

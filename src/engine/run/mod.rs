@@ -1,12 +1,12 @@
 //! One run from a checked graph to its manifest: plan, schedule, publish, record.
 
+pub mod ahead;
 pub mod memory;
 mod restoration;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::hash::{BuildHasher, Hasher};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -36,11 +36,12 @@ use super::store::folder::FolderStore;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::store::tiers::Tiers;
-use super::system::SystemError;
+use super::system::{SystemError, let_go};
 use super::team::folder::{Assignment, RunFolder, plan_digest};
 use super::team::hand::Hand;
 use super::team::overseer::{Hiring, Overseer};
-use memory::{Finished as Remembered, RECORDS, contents};
+use ahead::{Ahead, Known, Latest};
+use memory::{Finished as Remembered, Note, RECORDS, contents};
 
 /// Where a run reads and writes.
 #[derive(Debug, Clone)]
@@ -121,35 +122,17 @@ pub struct Summary {
     pub no_workers: Option<ExecutorError>,
 }
 
-/// What the store and the last run know, before a run.
-struct Known {
-    library: Arc<Library>,
-    index: Index,
-    signatures: Signatures,
-}
-
-impl Known {
-    fn load(places: &Places, graph: &Graph) -> Result<Self, SystemError> {
-        let library = Arc::new(places.library()?);
-        // Both are long where there are many jobs.
-        let (index, signatures) = std::thread::scope(|scope| {
-            let signatures = scope.spawn(|| Signatures::kept_in(&library));
-            (Index::load(&library, &graph.pipeline), signatures.join().expect("no thread panics while it reads a note"))
-        });
-        Ok(Self { library, index, signatures })
-    }
-}
-
-fn planned(graph: &Graph, places: &Places) -> Result<(Known, Plan), RunError> {
-    let mut known = Known::load(places, graph)?;
+fn planned(graph: &Graph, ahead: Ahead) -> Result<(Known, Plan), RunError> {
+    let mut known = ahead.known()?;
     let plan = freshness::plan(graph, &known.library, &known.index, &mut known.signatures).map_err(RunError::Inputs)?;
     Ok((known, plan))
 }
 
 /// What would run and why, as entries of a manifest; writes nothing.
-pub fn plan(graph: &Graph, places: &Places) -> Result<(Vec<JobEntry>, Vec<String>), RunError> {
-    let (known, plan) = planned(graph, places)?;
-    let mut history = History::new(places.pipeline_folder(graph), graph);
+pub fn plan(graph: &Graph, ahead: Ahead) -> Result<(Vec<JobEntry>, Vec<String>), RunError> {
+    let folder = ahead.places().pipeline_folder(graph);
+    let (known, plan) = planned(graph, ahead)?;
+    let mut history = History::new(folder, graph, known.latest.run);
     Ok((freshness::entries(graph, &plan, &mut history), known.library.take_notices()))
 }
 
@@ -157,28 +140,28 @@ pub fn plan(graph: &Graph, places: &Places) -> Result<(Vec<JobEntry>, Vec<String
 pub fn run(
     graph: Graph,
     registry: &Registry,
-    places: &Places,
+    ahead: Ahead,
     settings: Settings,
     interrupted: Arc<AtomicBool>,
     hiring: Option<Hiring<'_>>,
     listener: &mut dyn Listener,
 ) -> Result<Summary, RunError> {
     let clock = Clock::start();
+    let places = &ahead.places().clone();
     let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
-    let (planned, standing) = std::thread::scope(|scope| {
-        let standing = scope.spawn(|| read_standing(&outputs.path()));
-        (planned(&graph, places), standing.join().expect("no thread panics while it reads a manifest"))
-    });
-    let (mut known, plan) = planned?;
+    let (mut known, plan) = planned(&graph, ahead)?;
+    let Latest { standing, run } = std::mem::take(&mut known.latest);
     outputs.prepare()?;
     known.library.tidy();
     memory::tell_damage(&graph, places, &known.library);
     let role = role(&graph, &plan, places, &known.library, settings, hiring)?;
     let (library, index) = (known.library.clone(), &known.index);
-    let history = History::new(outputs.path(), &graph);
+    let history = History::new(outputs.path(), &graph, run);
     let world = World { history, index, signatures: &mut known.signatures, standing: standing.as_ref(), began: clock.steady, role };
     let (shared, finished) = execute(graph, registry, plan, library, &outputs, world, settings, interrupted, listener);
-    conclude(&shared, finished, known, standing, places, settings, &clock, listener)
+    let summary = conclude(&shared, finished, known, standing, places, settings, &clock, listener);
+    let_go(shared);
+    summary
 }
 
 /// What this process does of the run: all of it, or it has a folder with workers from here on.
@@ -248,14 +231,14 @@ pub fn work(
         job.publications.clear();
         job.is_forced = false;
     }
-    let (mut known, plan) = planned(&graph, &places)?;
+    let (mut known, plan) = planned(&graph, Ahead::begin(&places, &graph.pipeline))?;
     if plan_digest(&graph, &plan, &places, settings.keep_going) != assignment.plan {
         return Ok(None);
     }
     known.library.tidy();
     let outputs = OutputFolder::at(&places.outputs, &graph.pipeline);
     let (library, index, interrupted) = (known.library.clone(), &known.index, hand.interrupted.clone());
-    let history = History::new(outputs.path(), &graph);
+    let history = History::new(outputs.path(), &graph, known.latest.run.take());
     let role = Role::Worker(Box::new(hand));
     let world = World { history, index, signatures: &mut known.signatures, standing: None, began, role };
     let (_, finished) = execute(graph, registry, plan, library, &outputs, world, settings, interrupted, listener);
@@ -265,11 +248,6 @@ pub fn work(
     }
     let Finished { ledger, was_interrupted, committed, .. } = finished;
     Ok(Some(Service { jobs, failures: ledger.failures, was_interrupted, system_error: committed.err() }))
-}
-
-/// The latest manifest, as far as a next run needs it.
-fn read_standing(folder: &Path) -> Option<Standing> {
-    Standing::from_text(&fs::read(folder.join("manifest.json")).ok()?)
 }
 
 /// After the jobs: removes what is no longer published, updates the caches, writes the manifest.
@@ -325,31 +303,42 @@ fn conclude(
         machine: Machine::this(),
         measured: measured.clone(),
     };
-    let index = std::mem::take(&mut ledger.index);
-    let keep = || {
-        if system_error.is_none() {
-            system_error = keep_caches(&mut known, outputs, &manifest.published, &ledger.written, index, &graph.pipeline).err();
-        }
-    };
-    let records = match &results_of {
-        Some(earlier) => {
-            keep();
-            write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?;
-            memory::record_digests(outputs, earlier)
-        }
-        None => Some(write_whole(outputs, &manifest, keep)?),
-    };
-    let published = contents(&manifest.published, |path| ledger.publication_keys.get(path));
-    // What is said once is not for a note, and of a run whose store cannot be written none can be kept.
-    if let Some(published) = published.filter(|_| status == Status::Done && system_error.is_none() && !ledger.has_passing_warnings) {
+    // Of a run whose store cannot be written nothing can be kept there.
+    let is_kept = system_error.is_none();
+    let Known { library, index: earlier_index, mut signatures, .. } = known;
+    let (index, store) = (std::mem::take(&mut ledger.index), library.clone());
+    let keep_index = || if is_kept { keep_index(index, earlier_index, &store, &graph.pipeline) } else { Ok(()) };
+    let mut keep_signatures = || {
+        let kept = if is_kept { keep_signatures(&mut signatures, &library, outputs, &manifest.published, &ledger.written) } else { Ok(()) };
+        let published = contents(&manifest.published, |path| ledger.publication_keys.get(path));
+        // What is said once is not for a note.
+        let published = published.filter(|_| status == Status::Done && is_kept && !ledger.has_passing_warnings);
         let run_id = results_of.as_ref().unwrap_or(&run_id);
-        let found = Remembered { graph, jobs: &manifest.jobs, outputs, published, records, run_id, result_id, warnings: &warnings };
-        system_error = memory::note(&found, places, &known.library, &mut known.signatures).err();
-    }
+        let found = |published| Remembered { graph, jobs: &manifest.jobs, outputs, published, run_id, result_id, warnings: &warnings };
+        let note = published.and_then(|published| Note::of(&found(published), places, &mut signatures));
+        kept.map(|()| note)
+    };
+    let (kept_index, note, records) = match &results_of {
+        Some(earlier) => {
+            let kept = (keep_index(), keep_signatures());
+            write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?;
+            (kept.0, kept.1, memory::record_digests(outputs, earlier))
+        }
+        None => {
+            let Written { records, beside_metadata, beside_record } = write_whole(outputs, &manifest, keep_index, keep_signatures)?;
+            (beside_metadata, beside_record, Some(records))
+        }
+    };
+    let kept = kept_index.and(note).and_then(|note| match note.zip(records) {
+        Some((note, records)) => note.keep(records, outputs, &library, &mut signatures),
+        None => Ok(()),
+    });
+    system_error = system_error.or(kept.err());
     for warning in &warnings {
         listener.notify(&Event::Warning { stage: warning.stage.clone(), message: warning.message.clone() });
     }
     listener.notify(&Event::Ended { run_id: run_id.clone(), status, seconds: measured.seconds });
+    let_go(manifest);
     let manifest = outputs.path().join("manifest.json");
     let Ledger { failures, no_workers, .. } = ledger;
     Ok(Summary { run_id, result_id, status, results_of, manifest, measured, failures, warnings, system_error, no_workers })
@@ -393,26 +382,26 @@ fn remove_unedited(
     Ok(removed)
 }
 
-/// Writes the index and the signatures if this run learnt something.
-fn keep_caches(
-    known: &mut Known,
+/// Writes the index if this run learnt something.
+fn keep_index(index: Index, earlier: Index, library: &Library, pipeline: &str) -> Result<(), SystemError> {
+    if index.is_within(&earlier) { Ok(()) } else { index.keep(earlier, library, pipeline) }
+}
+
+/// Writes the signatures if this run learnt something.
+fn keep_signatures(
+    signatures: &mut Signatures,
+    library: &Library,
     outputs: &OutputFolder,
     published: &[PublishedEntry],
     written: &[String],
-    index: Index,
-    pipeline: &str,
 ) -> Result<(), SystemError> {
     for path in written {
         let entry = published.binary_search_by(|entry| entry.path.as_str().cmp(path));
         if let (Some(signature), Ok(entry)) = (outputs.signature(path), entry) {
-            known.signatures.remember(signature, published[entry].sha256);
+            signatures.remember(signature, published[entry].sha256);
         }
     }
-    known.signatures.keep_in(&known.library)?;
-    if index.is_within(&known.index) {
-        return Ok(());
-    }
-    index.keep(std::mem::take(&mut known.index), &known.library, pipeline)
+    signatures.keep_in(library)
 }
 
 /// Each warning once per stage, with the number of jobs that gave it.
@@ -439,8 +428,21 @@ fn spec_entries(graph: &Graph) -> Vec<SpecEntry> {
     graph.sources.iter().map(entry).collect()
 }
 
-/// Writes the records of a run while something else is done; gives their digests, in the order of [`RECORDS`].
-fn write_whole(outputs: &OutputFolder, manifest: &Manifest, beside: impl FnOnce()) -> Result<[Digest; 2], SystemError> {
+/// The records of a run are written, and something else was done on each of the two threads that wrote them.
+struct Written<M, R> {
+    /// Their digests, in the order of [`RECORDS`].
+    records: [Digest; 2],
+    beside_metadata: M,
+    beside_record: R,
+}
+
+/// Writes the records of a run on two threads, each of which does something else besides.
+fn write_whole<M: Send, R>(
+    outputs: &OutputFolder,
+    manifest: &Manifest,
+    beside_metadata: impl FnOnce() -> M + Send,
+    beside_record: impl FnOnce() -> R,
+) -> Result<Written<M, R>, SystemError> {
     let [(record, kept_record), (metadata, kept_metadata)] = RECORDS;
     for (path, text) in ro_crate::workflow_files(manifest) {
         outputs.write(&path, text.as_bytes())?;
@@ -450,14 +452,15 @@ fn write_whole(outputs: &OutputFolder, manifest: &Manifest, beside: impl FnOnce(
         let metadata = scope.spawn(move || {
             let text = ro_crate::text(manifest);
             outputs.write(&run_file(&manifest.run_id, kept_metadata), text.as_bytes())?;
-            outputs.write(metadata, text.as_bytes()).map(|()| Digest::of(text.as_bytes()))
+            outputs.write(metadata, text.as_bytes())?;
+            Ok((Digest::of(text.as_bytes()), beside_metadata()))
         });
         let text = lines::text(manifest);
         outputs.write(&run_file(&manifest.run_id, kept_record), &text)?;
-        beside();
-        let metadata = metadata.join().expect("no thread panics while it writes a crate")?;
+        let beside_record = beside_record();
+        let (metadata, beside_metadata) = metadata.join().expect("no thread panics while it writes a crate")?;
         outputs.write(record, &text)?;
-        Ok([Digest::of(&text), metadata])
+        Ok(Written { records: [Digest::of(&text), metadata], beside_metadata, beside_record })
     })
 }
 

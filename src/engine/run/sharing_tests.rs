@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use crate::engine::manifest::{Outcome, Status};
 use crate::engine::owner::Owner;
+use crate::engine::run::ahead::Ahead;
 use crate::engine::run;
 use crate::engine::trial::{Mood, Space, TrialJob, graph, job};
 
@@ -38,7 +39,7 @@ fn two_runs_at_once_share_the_work_and_are_both_right() {
 fn a_job_that_a_live_process_has_claimed_is_waited_for_until_the_claim_goes() {
     let space = Space::new();
     let jobs = [job("a", "a").saves()];
-    let (entries, _) = run::plan(&graph(space.folder.path(), &jobs), &space.places()).unwrap();
+    let (entries, _) = run::plan(&graph(space.folder.path(), &jobs), Ahead::begin(&space.places(), "p")).unwrap();
     let claims = space.path("store/v1/claims");
     std::fs::create_dir_all(&claims).unwrap();
     make_private(&space);
@@ -59,7 +60,7 @@ fn a_job_that_a_live_process_has_claimed_is_waited_for_until_the_claim_goes() {
 fn the_claim_of_a_dead_process_is_overtaken_at_once() {
     let space = Space::new();
     let jobs = [job("a", "a").saves()];
-    let (entries, _) = run::plan(&graph(space.folder.path(), &jobs), &space.places()).unwrap();
+    let (entries, _) = run::plan(&graph(space.folder.path(), &jobs), Ahead::begin(&space.places(), "p")).unwrap();
     let claims = space.path("store/v1/claims");
     std::fs::create_dir_all(&claims).unwrap();
     make_private(&space);

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::engine::freshness::HIT_REASON;
 use crate::engine::manifest::{Outcome, ShortManifest, Status};
+use crate::engine::run::ahead::Ahead;
 use crate::engine::run::{self, RunError};
 use crate::engine::trial::{Mood, Space, TrialJob, files_below, graph, job};
 
@@ -71,7 +72,7 @@ fn every_job_says_why_it_ran() {
 fn a_plan_says_the_same_beforehand_and_writes_nothing() {
     let space = Space::new();
     let expect = |jobs: &[TrialJob]| {
-        let (entries, _) = run::plan(&graph(space.folder.path(), jobs), &space.places()).unwrap();
+        let (entries, _) = run::plan(&graph(space.folder.path(), jobs), Ahead::begin(&space.places(), "p")).unwrap();
         entries.into_iter().map(|entry| (entry.stage, entry.outcome, entry.reason)).collect::<Vec<_>>()
     };
     assert!(expect(&tree("t", "l")).iter().all(|(_, outcome, reason)| *outcome == Outcome::Run && reason == "never ran"));

@@ -119,6 +119,8 @@ impl Scheduler<'_> {
             let parts = node.parts.iter().map(|part| part.job).enumerate().filter_map(part).collect();
             self.state_mut(job).entry.parts = parts;
         }
-        self.jobs.drain(..).flatten().map(|state| state.entry).collect()
+        let mut entries = Vec::with_capacity(self.jobs.len());
+        entries.extend(self.jobs.drain(..).flatten().map(|state| state.entry));
+        entries
     }
 }

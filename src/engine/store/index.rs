@@ -10,7 +10,7 @@ use super::library::Library;
 use super::record::{Blob, OutputRecord, PublicationRecord, ResultRecord};
 use crate::engine::digest::{Digest, DigestMap};
 use crate::engine::lines::line;
-use crate::engine::system::SystemError;
+use crate::engine::system::{SystemError, let_go};
 
 /// Entries of earlier settings that are kept beside those of the present one.
 const OLDER_COUNT: usize = 20_000;
@@ -41,8 +41,16 @@ type PublicationRow = (u32, Digest, Digest, u64, Vec<String>);
 impl Index {
     /// The index of a pipeline; empty if there is none.
     pub fn load(library: &Library, pipeline: &str) -> Self {
-        let text = library.note(&note_name(pipeline));
-        text.and_then(|text| serde_json::from_str::<IndexFile>(&text).ok()).map(Self::from_file).unwrap_or_default()
+        library.note(&note_name(pipeline)).and_then(|text| Self::from_text(&text)).unwrap_or_default()
+    }
+
+    /// The same if it is sound; nothing is said or set aside if not.
+    pub fn glance(library: &Library, pipeline: &str) -> Option<Self> {
+        Self::from_text(&library.glance_at_note(&note_name(pipeline))?)
+    }
+
+    fn from_text(text: &str) -> Option<Self> {
+        serde_json::from_str::<IndexFile>(text).ok().map(Self::from_file)
     }
 
     fn from_file(file: IndexFile) -> Self {
@@ -66,7 +74,9 @@ impl Index {
             results: with_older(self.results, earlier.results).into_iter().map(result_row).collect(),
             publications: with_older(self.publications, earlier.publications).into_iter().map(publication_row).collect(),
         };
-        library.keep_note(&note_name(pipeline), &line(&file))
+        let text = line(&file);
+        let_go(file);
+        library.keep_note(&note_name(pipeline), &text)
     }
 
     /// The result of a recipe, without the bytes that its record holds.

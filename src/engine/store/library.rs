@@ -12,7 +12,7 @@ use rustix::io::Errno;
 
 use super::claims::Claims;
 use super::objects::{Draft, Objects, Shelf, drafted};
-use super::record::{Blob, Inline, Keyed, PublicationRecord, RECORD_VERSION, ResultRecord, seal, unseal};
+use super::record::{Blob, Inline, Keyed, PublicationRecord, RECORD_VERSION, ResultRecord, seal, unseal, unsealed};
 use super::signing::split;
 use crate::engine::artifact::{AnyArtifact, ArtifactKind};
 use crate::engine::digest::{Digest, HashingReader, HashingWriter, READ_SIZE};
@@ -180,7 +180,7 @@ impl Library {
     /// A cache by its name.
     pub fn checked_note(&self, name: &str) -> Result<String, Lost> {
         let text = self.text(Shelf::Notes, name, NOTE_LIMIT).map_err(|error| self.lost(Shelf::Notes, name, &error))?;
-        unseal(&text).map(str::to_owned).ok_or_else(|| self.damaged(Shelf::Notes, name, DISAGREES))
+        unsealed(text).ok_or_else(|| self.damaged(Shelf::Notes, name, DISAGREES))
     }
 
     /// Whether a run that was sent here is as it was sent.
@@ -202,7 +202,7 @@ impl Library {
 
     /// A cache, if it is sound; nothing is said or set aside if not.
     pub fn glance_at_note(&self, name: &str) -> Option<String> {
-        unseal(&self.text(Shelf::Notes, name, NOTE_LIMIT).ok()?).map(str::to_owned)
+        unsealed(self.text(Shelf::Notes, name, NOTE_LIMIT).ok()?)
     }
 
     /// The record of a result, if it is sound; nothing is said or set aside if not.

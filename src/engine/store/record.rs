@@ -111,7 +111,11 @@ impl Keyed for PublicationRecord {
 
 /// A text under its own digest.
 pub fn seal(text: &str) -> String {
-    format!("{}\n{text}\n", Digest::of(text.as_bytes()))
+    let mut sealed = String::with_capacity(text.len() + 66);
+    for part in [&Digest::of(text.as_bytes()).to_string(), "\n", text, "\n"] {
+        sealed.push_str(part);
+    }
+    sealed
 }
 
 /// The text under a seal; `None` if they do not belong together.
@@ -119,6 +123,14 @@ pub fn unseal(sealed: &str) -> Option<&str> {
     let (digest, text) = sealed.split_once('\n')?;
     let text = text.strip_suffix('\n')?;
     (digest.parse() == Ok(Digest::of(text.as_bytes()))).then_some(text)
+}
+
+/// The same without a copy: notes may be long.
+pub fn unsealed(mut sealed: String) -> Option<String> {
+    let length = unseal(&sealed)?.len();
+    sealed.truncate(sealed.len() - 1);
+    sealed.drain(..sealed.len() - length);
+    Some(sealed)
 }
 
 #[cfg(test)]
@@ -129,6 +141,7 @@ mod tests {
     fn a_seal_shows_every_damage() {
         let sealed = seal("{\"a\":1}");
         assert_eq!(unseal(&sealed), Some("{\"a\":1}"));
+        assert_eq!(unsealed(sealed.clone()).as_deref(), unseal(&sealed));
         for index in 0..sealed.len() {
             let mut bytes = sealed.clone().into_bytes();
             bytes[index] ^= 1;

@@ -31,18 +31,34 @@ use crate::catalogue::nearest;
 
 /// Reads, checks and lays out a pipeline: the graph with warnings, or every mistake.
 pub fn build(registry: &Registry, request: &Request) -> Result<(Graph, Vec<Diagnostic>), Vec<Diagnostic>> {
+    build_beside(registry, request, |_| ()).map(|(graph, warnings, ())| (graph, warnings))
+}
+
+/// The same, with what is begun as soon as the name of the pipeline is known.
+pub fn build_beside<T>(
+    registry: &Registry,
+    request: &Request,
+    begin: impl FnOnce(&str) -> T,
+) -> Result<(Graph, Vec<Diagnostic>, T), Vec<Diagnostic>> {
     let mut sources = Sources::given(request.texts.clone());
     let mut findings = Findings::default();
-    let graph = built(registry, request, &mut sources, &mut findings);
+    let built = built(registry, request, &mut sources, &mut findings, begin);
     let (errors, warnings) = sources.diagnostics(findings);
-    match graph {
-        Some(graph) if errors.is_empty() => Ok((Graph { has_warnings: !warnings.is_empty(), ..graph }, warnings)),
+    match built {
+        Some((graph, begun)) if errors.is_empty() => Ok((Graph { has_warnings: !warnings.is_empty(), ..graph }, warnings, begun)),
         _ => Err(errors),
     }
 }
 
-fn built(registry: &Registry, request: &Request, sources: &mut Sources, findings: &mut Findings) -> Option<Graph> {
+fn built<T>(
+    registry: &Registry,
+    request: &Request,
+    sources: &mut Sources,
+    findings: &mut Findings,
+    begin: impl FnOnce(&str) -> T,
+) -> Option<(Graph, T)> {
     let mut document = document::read(registry, &request.file, sources, findings)?;
+    let begun = begin(&document.pipeline);
     request::apply(request, &mut document, sources, findings);
     let targets = expand::Targets::read(request, sources, findings);
     let limit = request.max_jobs.max(request::JOB_LIMIT);
@@ -68,7 +84,7 @@ fn built(registry: &Registry, request: &Request, sources: &mut Sources, findings
         let place = Place::of_file(sources.add_argument("--seed", text));
         findings.add(Finding::warning(place, message).with_hint(Some(hint)));
     }
-    Some(graph)
+    Some((graph, begun))
 }
 
 /// What all steps read.
