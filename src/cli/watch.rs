@@ -19,8 +19,8 @@ use crate::engine::diagnostic::{Diagnostic, escape, render};
 use crate::engine::graph::Graph;
 use crate::engine::manifest::Status;
 use crate::engine::registry::Registry;
-use crate::engine::source::without_dots;
 use crate::engine::run::ahead::Ahead;
+use crate::engine::source::without_dots;
 use crate::engine::sweep::build;
 use crate::stages::registry;
 

@@ -22,7 +22,7 @@ use crate::engine::digest::Digest;
 use crate::engine::events::{Event, Listener};
 use crate::engine::graph::Graph;
 use crate::engine::lines::line;
-use crate::engine::manifest::{JobEntry, Outcome, PublishedEntry, Status, WarningEntry};
+use crate::engine::manifest::{Manifest, Outcome, PublishedEntry, Status, WarningEntry};
 use crate::engine::provenance::ro_crate;
 use crate::engine::publish::OutputFolder;
 use crate::engine::request::Request;
@@ -94,18 +94,14 @@ pub struct FileContent {
 pub struct Finished<'a> {
     /// The pipeline.
     pub graph: &'a Graph,
-    /// The wanted jobs, in the order of the graph.
-    pub jobs: &'a [JobEntry],
+    /// Its record, which may be one that is not kept.
+    pub manifest: &'a Manifest,
     /// Its folder.
     pub outputs: &'a OutputFolder,
     /// All files that it stands behind, in order.
     pub published: Vec<FileContent>,
     /// The run that made them.
     pub run_id: &'a str,
-    /// See [`result_id`](crate::engine::manifest::result_id).
-    pub result_id: Digest,
-    /// What is said at each run.
-    pub warnings: &'a [WarningEntry],
 }
 
 /// A note that lacks the records of its run.
@@ -150,7 +146,7 @@ impl Note {
 fn basis(found: &Finished<'_>, contents: Digest, signatures: &mut Signatures) -> Option<Basis> {
     let graph = found.graph;
     let texts = graph.sources.iter().map(|source| (graph.folder.join(&source.path), Digest::of(source.text.as_bytes())));
-    let wanted = graph.jobs.iter().filter(|job| job.is_wanted).zip(found.jobs);
+    let wanted = graph.jobs.iter().filter(|job| job.is_wanted).zip(&found.manifest.jobs);
     let inputs = wanted.flat_map(|(job, entry)| job.files.iter().zip(&entry.files).map(|((_, path), file)| (path.clone(), file.sha256)));
     let mut inputs: Vec<(PathBuf, Digest)> = inputs.collect();
     inputs.sort_unstable();
@@ -167,9 +163,9 @@ fn basis(found: &Finished<'_>, contents: Digest, signatures: &mut Signatures) ->
         published: by_folder(&found.published),
         contents,
         run_id: found.run_id.to_owned(),
-        result_id: found.result_id,
-        jobs: found.jobs.len() as u64,
-        warnings: found.warnings.to_vec(),
+        result_id: found.manifest.result_id,
+        jobs: found.manifest.jobs.len() as u64,
+        warnings: found.manifest.warnings.clone(),
     };
     basis.learn_signatures(found.outputs, &found.published, signatures);
     Some(basis)

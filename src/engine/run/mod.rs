@@ -296,43 +296,14 @@ fn conclude(
         spec: spec_entries(graph),
         overrides: graph.overrides.clone(),
         jobs: entries,
-        published: ledger.published,
+        published: std::mem::take(&mut ledger.published),
         kept,
         warnings: warnings.clone(),
         program: Program::this(),
         machine: Machine::this(),
         measured: measured.clone(),
     };
-    // Of a run whose store cannot be written nothing can be kept there.
-    let is_kept = system_error.is_none();
-    let Known { library, index: earlier_index, mut signatures, .. } = known;
-    let (index, store) = (std::mem::take(&mut ledger.index), library.clone());
-    let keep_index = || if is_kept { keep_index(index, earlier_index, &store, &graph.pipeline) } else { Ok(()) };
-    let mut keep_signatures = || {
-        let kept = if is_kept { keep_signatures(&mut signatures, &library, outputs, &manifest.published, &ledger.written) } else { Ok(()) };
-        let published = contents(&manifest.published, |path| ledger.publication_keys.get(path));
-        // What is said once is not for a note.
-        let published = published.filter(|_| status == Status::Done && is_kept && !ledger.has_passing_warnings);
-        let run_id = results_of.as_ref().unwrap_or(&run_id);
-        let found = |published| Remembered { graph, jobs: &manifest.jobs, outputs, published, run_id, result_id, warnings: &warnings };
-        let note = published.and_then(|published| Note::of(&found(published), places, &mut signatures));
-        kept.map(|()| note)
-    };
-    let (kept_index, note, records) = match &results_of {
-        Some(earlier) => {
-            let kept = (keep_index(), keep_signatures());
-            write_short(outputs, &graph.pipeline, &run_id, result_id, earlier, &measured)?;
-            (kept.0, kept.1, memory::record_digests(outputs, earlier))
-        }
-        None => {
-            let Written { records, beside_metadata, beside_record } = write_whole(outputs, &manifest, keep_index, keep_signatures)?;
-            (beside_metadata, beside_record, Some(records))
-        }
-    };
-    let kept = kept_index.and(note).and_then(|note| match note.zip(records) {
-        Some((note, records)) => note.keep(records, outputs, &library, &mut signatures),
-        None => Ok(()),
-    });
+    let kept = write_records(shared, places, &manifest, results_of.as_deref(), known, &mut ledger, system_error.is_none())?;
     system_error = system_error.or(kept.err());
     for warning in &warnings {
         listener.notify(&Event::Warning { stage: warning.stage.clone(), message: warning.message.clone() });
@@ -342,6 +313,48 @@ fn conclude(
     let manifest = outputs.path().join("manifest.json");
     let Ledger { failures, no_workers, .. } = ledger;
     Ok(Summary { run_id, result_id, status, results_of, manifest, measured, failures, warnings, system_error, no_workers })
+}
+
+/// Writes the manifest with the crate, or the short one of a run that changed nothing, and what the next run can know from it
+/// into the store, of which the error is the inner one; of a run whose store could not be written nothing is kept there.
+fn write_records(
+    shared: &Shared,
+    places: &Places,
+    manifest: &Manifest,
+    results_of: Option<&str>,
+    known: Known,
+    ledger: &mut Ledger,
+    is_kept: bool,
+) -> Result<Result<(), SystemError>, SystemError> {
+    let (graph, outputs) = (&shared.graph, &shared.outputs);
+    let Known { library, index: earlier_index, mut signatures, .. } = known;
+    let (index, store) = (std::mem::take(&mut ledger.index), library.clone());
+    let keep_index = || if is_kept { keep_index(index, earlier_index, &store, &graph.pipeline) } else { Ok(()) };
+    let mut keep_signatures = || {
+        let kept = if is_kept { keep_signatures(&mut signatures, &library, outputs, &manifest.published, &ledger.written) } else { Ok(()) };
+        let published = contents(&manifest.published, |path| ledger.publication_keys.get(path));
+        // What is said once is not for a note.
+        let published = published.filter(|_| manifest.status == Status::Done && is_kept && !ledger.has_passing_warnings);
+        let run_id = results_of.unwrap_or(&manifest.run_id);
+        let found = |published| Remembered { graph, manifest, outputs, published, run_id };
+        let note = published.and_then(|published| Note::of(&found(published), places, &mut signatures));
+        kept.map(|()| note)
+    };
+    let (kept_index, note, records) = match results_of {
+        Some(earlier) => {
+            let kept = (keep_index(), keep_signatures());
+            write_short(outputs, &manifest.pipeline, &manifest.run_id, manifest.result_id, earlier, &manifest.measured)?;
+            (kept.0, kept.1, memory::record_digests(outputs, earlier))
+        }
+        None => {
+            let Written { records, beside_metadata, beside_record } = write_whole(outputs, manifest, keep_index, keep_signatures)?;
+            (beside_metadata, beside_record, Some(records))
+        }
+    };
+    Ok(kept_index.and(note).and_then(|note| match note.zip(records) {
+        Some((note, records)) => note.keep(records, outputs, &library, &mut signatures),
+        None => Ok(()),
+    }))
 }
 
 /// Times and counts of a run, of which the times are given.

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use crate::engine::manifest::{Outcome, Status};
 use crate::engine::owner::Owner;
-use crate::engine::run::ahead::Ahead;
 use crate::engine::run;
+use crate::engine::run::ahead::Ahead;
 use crate::engine::trial::{Mood, Space, TrialJob, graph, job};
 
 /// Jobs that take longer than a claim waits for, and cheap ones behind them.

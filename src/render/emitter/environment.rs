@@ -210,7 +210,8 @@ impl Environment {
         let draws = bits.map(|bits| table.draw(bits));
         let pixels = draws.each_ref().map(|draw| self.pixels[draw.row * self.width + draw.column]);
         let bands = draws.each_ref().map(|draw| self.bands[draw.row]);
-        let [red, green, blue, pdf] = f32x4::transpose(pixels.map(|Pixel { radiance: [red, green, blue], pdf }| f32x4::new([red, green, blue, pdf])));
+        let [red, green, blue, pdf] =
+            f32x4::transpose(pixels.map(|Pixel { radiance: [red, green, blue], pdf }| f32x4::new([red, green, blue, pdf])));
         let number = |of: fn(&Draw) -> f32| f32x4::new(draws.each_ref().map(of));
         let edge = |of: fn(Band) -> f32| f32x4::new(bands.map(of));
 

@@ -350,7 +350,7 @@ impl Transporter {
             }
         };
         // Where nothing shines there is no density to divide by.
-        let scale = weight / light.pdf & light.pdf.simd_gt(f32x4::ZERO);
+        let scale = (weight / light.pdf) & light.pdf.simd_gt(f32x4::ZERO);
         scattering.value.times(&light.value).scaled(scale).to_array()
     }
 
