@@ -107,8 +107,7 @@ impl History {
         let name = |job: &super::graph::JobNode| graph.stages[job.stage].name.clone();
         let present = graph.jobs.iter().map(|job| (name(job), job.coordinate.to_string())).collect();
         let stages = graph.stages.iter().map(|stage| stage.name.clone()).collect();
-        let unread = latest.is_some().then(|| manifests(&folder).split_off(1).into_iter());
-        Self { folder, present, stages, runs: latest.into_iter().collect(), unread }
+        Self { folder, present, stages, runs: latest.into_iter().collect(), unread: None }
     }
 
     /// Why this job has no result in the store, as far as its entry is filled in.
@@ -148,8 +147,8 @@ impl History {
 
     /// The run of that age: 0 is the latest.
     fn run(&mut self, age: usize) -> Option<&EarlierRun> {
-        let folder = &self.folder;
-        let unread = self.unread.get_or_insert_with(|| manifests(folder).into_iter());
+        let (folder, known) = (&self.folder, self.runs.len());
+        let unread = self.unread.get_or_insert_with(|| manifests(folder).split_off(known).into_iter());
         while self.runs.len() <= age.min(RUN_COUNT - 1) {
             match unread.find_map(|path| EarlierRun::read(&path)) {
                 Some(run) => self.runs.push(run),

@@ -76,9 +76,10 @@ pub struct Weighted {
 }
 
 impl Weighted {
-    /// Of pairs that were computed one by one.
+    /// Of what each direction gives by itself.
     #[inline]
-    pub fn of(pairs: [(Vec3, f32); LANES]) -> Self {
+    pub fn one_by_one(directions: &Vectors, evaluate: impl Fn(Vec3) -> (Vec3, f32)) -> Self {
+        let pairs = directions.to_array().map(evaluate);
         Self { value: Vectors::of(pairs.map(|pair| pair.0)), pdf: f32x4::new(pairs.map(|pair| pair.1)) }
     }
 }

@@ -97,3 +97,29 @@ impl Latest {
         Self { standing, run: EarlierRun::of_manifest(text) }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::trial::{Space, job};
+
+    #[test]
+    fn what_a_run_left_is_read_and_damage_is_left_for_the_run_to_tell() {
+        let space = Space::new();
+        let jobs = [job("a", "a").saves()];
+        space.run(&jobs);
+        let Latest { standing, run } = Latest::read(&space.path("outputs/p"));
+        assert!(standing.is_some() && run.is_some());
+        let caches = Caches::read(&space.places(), "p");
+        let key = space.manifest().jobs[0].key.unwrap();
+        assert!(caches.index.unwrap().result_of_key(&key).is_some());
+
+        let note = space.path("store/v1/notes/recipes-p");
+        let damaged = fs::read_to_string(&note).unwrap().replacen('0', "1", 1);
+        fs::write(&note, &damaged).unwrap();
+        assert!(Caches::read(&space.places(), "p").index.is_none());
+        assert_eq!(fs::read_to_string(&note).unwrap(), damaged, "it is still in its place");
+        let said: Vec<String> = space.run(&jobs).warnings.into_iter().map(|warning| warning.message).collect();
+        assert!(said.iter().any(|message| message.contains("damaged")), "{said:?}");
+    }
+}

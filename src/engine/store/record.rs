@@ -111,11 +111,8 @@ impl Keyed for PublicationRecord {
 
 /// A text under its own digest.
 pub fn seal(text: &str) -> String {
-    let mut sealed = String::with_capacity(text.len() + 66);
-    for part in [&Digest::of(text.as_bytes()).to_string(), "\n", text, "\n"] {
-        sealed.push_str(part);
-    }
-    sealed
+    // In one piece of memory of the right size: notes may be long.
+    [&Digest::of(text.as_bytes()).to_string(), "\n", text, "\n"].concat()
 }
 
 /// The text under a seal; `None` if they do not belong together.

@@ -61,7 +61,7 @@ impl<'m> Shading<'m> {
     pub fn evaluate_lanes(&self, incoming: &Vectors, transport: Transport) -> Weighted {
         let local = self.frame.to_local_lanes(incoming);
         let Some(Weighted { value, pdf }) = self.bsdf.evaluate_lanes(self.outgoing, &local) else {
-            return Weighted::of(incoming.to_array().map(|incoming| self.evaluate_with_pdf(incoming, transport)));
+            return Weighted::one_by_one(incoming, |incoming| self.evaluate_with_pdf(incoming, transport));
         };
         let agrees = (local.z * local.dot(self.geometric)).simd_gt(f32x4::ZERO);
         Weighted { value: Vectors { x: value.x & agrees, y: value.y & agrees, z: value.z & agrees }, pdf: pdf & agrees }

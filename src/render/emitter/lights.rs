@@ -178,10 +178,7 @@ impl Lights {
     /// The map, if there is no other light.
     #[inline]
     pub fn lone_environment(&self) -> Option<&Environment> {
-        match self.sources.as_slice() {
-            [Source::Environment(environment)] => Some(environment),
-            _ => None,
-        }
+        self.environment().filter(|_| self.sources.len() == 1)
     }
 
     /// What the map shines from a direction, and the density of drawing that direction.

@@ -170,7 +170,7 @@ pub(super) trait Vertex {
     /// The same for four directions at once.
     #[inline]
     fn evaluate_lanes(&self, directions: &Vectors) -> Weighted {
-        Weighted::of(directions.to_array().map(|direction| self.evaluate_with_pdf(direction)))
+        Weighted::one_by_one(directions, |direction| self.evaluate_with_pdf(direction))
     }
 
     /// The ray along which a light may be hidden; `None` where it is at this very point.
@@ -294,8 +294,7 @@ impl Transporter {
         let mut share_seen = |light: &LightSample| vertex.shadow_ray(light).and_then(|ray| visible(&ray)).unwrap_or(0.0);
         let (count, draws) = (self.emitter_candidates, self.draws());
         if draws == 1 {
-            let light = scene.lights.sample(&scene.geometry, vertex.position(), numbers.bits(sets));
-            let Some(candidate) = light.and_then(|light| self.candidate(vertex, light)) else { return Vec3::ZERO };
+            let Some(candidate) = self.candidate(scene, vertex, numbers.bits(sets)) else { return Vec3::ZERO };
             let share = share_seen(&candidate.light);
             return if share > 0.0 { candidate.brought * share } else { Vec3::ZERO };
         }
@@ -330,14 +329,13 @@ impl Transporter {
             }
         }
         for index in indices {
-            let light = scene.lights.sample(&scene.geometry, vertex.position(), bits(index));
-            if let Some(Candidate { light, brought }) = light.and_then(|light| self.candidate(vertex, light)) {
+            if let Some(Candidate { light, brought }) = self.candidate(scene, vertex, bits(index)) {
                 choice.add(index, &[brought], |_| light);
             }
         }
     }
 
-    /// What draws of a map bring if nothing hides them, their weights included: [`Self::candidate`] in lanes.
+    /// What draws of a map bring if nothing hides them, their weights included: [`Self::weighed`] in lanes.
     #[inline]
     fn brought(&self, vertex: &impl Vertex, lanes: &LightLanes) -> [Vec3; LANES] {
         let (light, scattering) = (&lanes.light, vertex.evaluate_lanes(&lanes.directions));
@@ -356,7 +354,13 @@ impl Transporter {
 
     /// A draw of a light; `None` where it brings nothing, hidden or not.
     #[inline]
-    fn candidate(&self, vertex: &impl Vertex, light: LightSample) -> Option<Candidate> {
+    fn candidate(&self, scene: &Scene, vertex: &impl Vertex, bits: [u32; 2]) -> Option<Candidate> {
+        self.weighed(vertex, scene.lights.sample(&scene.geometry, vertex.position(), bits)?)
+    }
+
+    /// The same of a light that was drawn.
+    #[inline]
+    fn weighed(&self, vertex: &impl Vertex, light: LightSample) -> Option<Candidate> {
         let is_left_to_scattering = self.strategy == Strategy::Bsdf && !light.is_delta;
         if is_left_to_scattering || light.pdf <= 0.0 || light.radiance == Vec3::ZERO {
             return None;
@@ -526,7 +530,7 @@ mod tests {
             for _ in 0..500 {
                 let lanes = environment.sample_lanes(std::array::from_fn(|_| [0; 2].map(|_: u32| numbers.bits() as u32))).unwrap();
                 for (lane, brought) in transporter.brought(&Above, &lanes).into_iter().enumerate() {
-                    let single = transporter.candidate(&Above, LightSample::of_lane(&lanes, lane));
+                    let single = transporter.weighed(&Above, LightSample::of_lane(&lanes, lane));
                     assert_eq!(brought, single.map_or(Vec3::ZERO, |single| single.brought), "{strategy:?}");
                 }
             }
