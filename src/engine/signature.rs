@@ -7,6 +7,7 @@
 //! no program can set, must agree too.
 
 use std::collections::HashMap;
+use std::fmt::Write as _;
 use std::fs::{File, Metadata};
 use std::hash::{Hash, Hasher};
 use std::io;
@@ -109,12 +110,19 @@ fn now() -> i64 {
 }
 
 /// Digest and size of a file's content.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Content {
     /// SHA-256 of all bytes.
     pub digest: Digest,
     /// How many bytes.
     pub size: u64,
+}
+
+impl Content {
+    /// That of a file with these bytes.
+    pub fn of(bytes: &[u8]) -> Self {
+        Self { digest: Digest::of(bytes), size: bytes.len() as u64 }
+    }
 }
 
 /// Digests by signature, from earlier runs and from this one.
@@ -128,6 +136,9 @@ pub struct Signatures {
 
 /// Name of the note that keeps signatures from run to run.
 const NOTE: &str = "signatures";
+
+/// Length of most lines of that note, in bytes.
+const LINE_LENGTH: usize = 128;
 
 /// More signatures than this are not kept; the ones not used lately go first.
 const KEPT_COUNT: usize = 200_000;
@@ -158,12 +169,14 @@ impl Signatures {
         let used: std::collections::HashSet<_> = self.used.iter().collect();
         let mut others: Vec<_> = self.known.keys().filter(|signature| !used.contains(signature)).collect();
         others.sort_by_key(|signature| std::cmp::Reverse(signature.changed));
-        let lines = self.used.iter().chain(others).take(KEPT_COUNT).filter_map(|signature| {
+        let mut text = String::with_capacity(LINE_LENGTH * self.known.len());
+        for signature in self.used.iter().chain(others).take(KEPT_COUNT) {
             let Signature { device, inode, size, modified, changed } = signature;
-            let digest = self.known.get(signature)?;
-            Some(format!("{device} {inode} {size} {modified} {changed} {digest}\n"))
-        });
-        lines.collect()
+            if let Some(digest) = self.known.get(signature) {
+                let _ = writeln!(text, "{device} {inode} {size} {modified} {changed} {digest}");
+            }
+        }
+        text
     }
 
     /// Digest of an input file's content, hashed only if its signature is new.

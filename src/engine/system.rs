@@ -42,6 +42,15 @@ impl fmt::Display for SystemText<'_> {
     }
 }
 
+/// Does two things at once, the first of them on another thread.
+pub fn beside<A: Send, B>(there: impl FnOnce() -> A + Send, here: impl FnOnce() -> B) -> (A, B) {
+    std::thread::scope(|scope| {
+        let there = scope.spawn(there);
+        let here = here();
+        (there.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), here)
+    })
+}
+
 /// Gives memory back beside what is left to do: many small pieces take their time.
 pub fn let_go(what: impl Send + 'static) {
     // Without another thread it is done here.

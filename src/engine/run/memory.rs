@@ -27,10 +27,10 @@ use crate::engine::provenance::ro_crate;
 use crate::engine::publish::OutputFolder;
 use crate::engine::request::Request;
 use crate::engine::schedule::Settings;
-use crate::engine::signature::{Signature, Signatures};
+use crate::engine::signature::{Content, Signature, Signatures};
 use crate::engine::source::SIZE_LIMIT;
 use crate::engine::store::library::Library;
-use crate::engine::system::SystemError;
+use crate::engine::system::{SystemError, beside};
 
 /// Notes of so many texts are kept for each request.
 const TEXT_COUNT: u8 = 16;
@@ -72,7 +72,7 @@ pub(super) struct KnownRecord {
     /// Its name in the run's folder.
     pub(super) kept_as: String,
     /// What is in it.
-    pub(super) digest: Digest,
+    pub(super) content: Content,
     signature: Option<Signature>,
 }
 
@@ -127,14 +127,14 @@ impl Note {
     /// Leaves it in the store, with what is in the records of the run, in the order of [`RECORDS`].
     pub fn keep(
         mut self,
-        records: [Digest; 2],
+        records: [Content; 2],
         outputs: &OutputFolder,
         library: &Library,
         signatures: &mut Signatures,
     ) -> Result<(), SystemError> {
-        let record = |((name, kept_as), digest): ((&str, &str), Digest)| {
+        let record = |((name, kept_as), content): ((&str, &str), Content)| {
             let (name, kept_as) = (name.to_owned(), kept_as.to_owned());
-            KnownRecord { name, kept_as, digest, signature: None }
+            KnownRecord { name, kept_as, content, signature: None }
         };
         self.basis.records = RECORDS.into_iter().zip(records).map(record).collect();
         self.basis.learn_signatures_of_records(outputs, signatures);
@@ -172,10 +172,10 @@ fn basis(found: &Finished<'_>, contents: Digest, signatures: &mut Signatures) ->
 }
 
 /// What is in the records of an earlier run, in the order of [`RECORDS`]; `None` if they are gone.
-pub fn record_digests(outputs: &OutputFolder, run_id: &str) -> Option<[Digest; 2]> {
-    let digest = |kept_as: &str| Some(Digest::of(&fs::read(outputs.path().join(run_file(run_id, kept_as))).ok()?));
+pub fn records_of(outputs: &OutputFolder, run_id: &str) -> Option<[Content; 2]> {
+    let content = |kept_as: &str| Some(Content::of(&fs::read(outputs.path().join(run_file(run_id, kept_as))).ok()?));
     let [(_, record), (_, metadata)] = RECORDS;
-    Some([digest(record)?, digest(metadata)?])
+    Some([content(record)?, content(metadata)?])
 }
 
 /// A text or an input with the signature by which its content is known, if it is.
@@ -226,12 +226,11 @@ pub fn run(
     let Some(mut basis) = noted.filter(|basis| basis.request == identity && basis.is_valid_for(&text)) else { return Ok(None) };
     let outputs = OutputFolder::at(&places.outputs, &basis.pipeline);
 
-    let odd = basis.odd(&outputs);
+    let odd = basis.forget_odd(&outputs);
     let mut restored = Restored::default();
     if !odd.is_empty() {
-        let contents = library.glance_at_note(&contents_name(&name)).filter(|text| Digest::of(text.as_bytes()) == basis.contents);
-        let Some(contents) = contents.and_then(|text| serde_json::from_str::<Vec<FileContent>>(&text).ok()) else { return Ok(None) };
-        let mut signatures = Signatures::kept_in(&library);
+        let (signatures, contents) = beside(|| Signatures::kept_in(&library), || basis.read_contents(&name, &library));
+        let (Some(contents), mut signatures) = (contents, signatures) else { return Ok(None) };
         listener.notify(&Event::Planned { jobs: basis.jobs as usize, hits: basis.jobs as usize });
         let mut means =
             Means { outputs: &outputs, library: &library, signatures: &mut signatures, threads: settings.threads, interrupted, listener };
@@ -241,8 +240,8 @@ pub fn run(
         }
         basis.learn_signatures_of_records(&outputs, &mut signatures);
         basis.learn_signatures(&outputs, &contents, &mut signatures);
-        signatures.keep_in(&library)?;
-        library.keep_note(&name, &line(&basis))?;
+        let kept = beside(|| signatures.keep_in(&library), || library.keep_note(&name, &line(&basis)));
+        kept.0.and(kept.1)?;
     }
     outputs.prepare()?;
     library.tidy();
@@ -290,34 +289,46 @@ impl Basis {
             && others.iter().all(|(path, digest, signature)| is_same_file(path, digest, signature.as_ref()))
     }
 
-    /// Looks at every file that the run stands behind, and reads none.
-    fn odd(&self, outputs: &OutputFolder) -> Odd {
-        let names = self.records.iter().map(|record| record.name.as_str());
-        let is_known = |(found, known): (Option<Signature>, Option<Signature>)| found.is_some() && found == known;
-        let records = outputs.signatures("", names).into_iter().zip(self.records.iter().map(|record| record.signature));
-        let has_records = !records.into_iter().all(is_known);
-        let files = self.published.iter().flat_map(|(folder, files)| {
+    /// What is in the published files.
+    fn read_contents(&self, note: &str, library: &Library) -> Option<Vec<FileContent>> {
+        let text = library.glance_at_note(&contents_name(note)).filter(|text| Digest::of(text.as_bytes()) == self.contents)?;
+        serde_json::from_str(&text).ok()
+    }
+
+    /// Looks at every file that the run stands behind, reads none, and forgets the signatures that do not hold.
+    fn forget_odd(&mut self, outputs: &OutputFolder) -> Odd {
+        let forget = |known: &mut Option<Signature>, found: Option<Signature>| {
+            *known = known.filter(|known| found == Some(*known));
+            known.is_none()
+        };
+        let records = outputs.signatures("", self.records.iter().map(|record| record.name.as_str()));
+        let mut has_records = false;
+        for (record, found) in self.records.iter_mut().zip(records) {
+            has_records |= forget(&mut record.signature, found);
+        }
+        let files = self.published.iter_mut().flat_map(|(folder, files)| {
             let found = outputs.signatures(folder, files.iter().map(|(name, _)| name.as_str()));
-            found.into_iter().zip(files.iter().map(|(_, known)| *known))
+            files.iter_mut().map(|(_, known)| known).zip(found)
         });
-        let files = files.enumerate().filter(|(_, pair)| !is_known(*pair)).map(|(index, _)| index).collect();
-        Odd { files, has_records }
+        let odd = files.map(|(known, found)| forget(known, found)).enumerate().filter(|(_, is_odd)| *is_odd);
+        Odd { files: odd.map(|(index, _)| index).collect(), has_records }
     }
 
     /// Takes down the signatures of the records beside the files, where these are known to have their bytes.
     fn learn_signatures_of_records(&mut self, outputs: &OutputFolder, signatures: &mut Signatures) {
         for record in &mut self.records {
-            record.signature = outputs.signature(&record.name).filter(|found| signatures.known_by(found) == Some(record.digest));
+            record.signature = outputs.signature(&record.name).filter(|found| signatures.known_by(found) == Some(record.content.digest));
         }
     }
 
-    /// The same of the files.
+    /// The same of the files of which none is known.
     fn learn_signatures(&mut self, outputs: &OutputFolder, contents: &[FileContent], signatures: &mut Signatures) {
         let mut known = |found: Option<Signature>, digest: &Digest| found.filter(|found| signatures.known_by(found) == Some(*digest));
         let mut contents = contents.iter();
         for (folder, files) in &mut self.published {
-            let found = outputs.signatures(folder, files.iter().map(|(name, _)| name.as_str()));
-            for ((_, signature), (found, content)) in files.iter_mut().zip(found.into_iter().zip(&mut contents)) {
+            let unknown: Vec<_> = files.iter_mut().zip(&mut contents).filter(|((_, signature), _)| signature.is_none()).collect();
+            let found = outputs.signatures(folder, unknown.iter().map(|((name, _), _)| name.as_str()));
+            for (((_, signature), content), found) in unknown.into_iter().zip(found) {
                 *signature = known(found, &content.digest);
             }
         }

@@ -29,7 +29,7 @@ use super::registry::Registry;
 use super::schedule::role::Role;
 use super::schedule::values::Shared;
 use super::schedule::{Finished, Ledger, Scheduler, Settings, World};
-use super::signature::Signatures;
+use super::signature::{Content, Signatures};
 use super::store::address::{Remote, Unusable};
 use super::store::committer::Committer;
 use super::store::folder::FolderStore;
@@ -344,7 +344,7 @@ fn write_records(
         Some(earlier) => {
             let kept = (keep_index(), keep_signatures());
             write_short(outputs, &manifest.pipeline, &manifest.run_id, manifest.result_id, earlier, &manifest.measured)?;
-            (kept.0, kept.1, memory::record_digests(outputs, earlier))
+            (kept.0, kept.1, memory::records_of(outputs, earlier))
         }
         None => {
             let Written { records, beside_metadata, beside_record } = write_whole(outputs, manifest, keep_index, keep_signatures)?;
@@ -444,7 +444,7 @@ fn spec_entries(graph: &Graph) -> Vec<SpecEntry> {
 /// The records of a run are written, and something else was done on each of the two threads that wrote them.
 struct Written<M, R> {
     /// Their digests, in the order of [`RECORDS`].
-    records: [Digest; 2],
+    records: [Content; 2],
     beside_metadata: M,
     beside_record: R,
 }
@@ -466,14 +466,14 @@ fn write_whole<M: Send, R>(
             let text = ro_crate::text(manifest);
             outputs.write(&run_file(&manifest.run_id, kept_metadata), text.as_bytes())?;
             outputs.write(metadata, text.as_bytes())?;
-            Ok((Digest::of(text.as_bytes()), beside_metadata()))
+            Ok((Content::of(text.as_bytes()), beside_metadata()))
         });
         let text = lines::text(manifest);
         outputs.write(&run_file(&manifest.run_id, kept_record), &text)?;
         let beside_record = beside_record();
         let (metadata, beside_metadata) = metadata.join().expect("no thread panics while it writes a crate")?;
         outputs.write(record, &text)?;
-        Ok(Written { records: [Digest::of(&text), metadata], beside_metadata, beside_record })
+        Ok(Written { records: [Content::of(&text), metadata], beside_metadata, beside_record })
     })
 }
 

@@ -18,7 +18,7 @@ use crate::engine::manifest::Standing;
 use crate::engine::publish::OutputFolder;
 use crate::engine::signature::Signatures;
 use crate::engine::store::library::Library;
-use crate::engine::system::SystemError;
+use crate::engine::system::{SystemError, beside};
 
 /// What was done.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -48,12 +48,14 @@ pub struct Means<'a> {
 /// Makes the outputs those of an earlier run; `None` if that is not for this module to do, or was interrupted.
 pub fn restore(basis: &Basis, contents: &[FileContent], odd: &Odd, means: &mut Means<'_>) -> Result<Option<Restored>, SystemError> {
     let outputs = means.outputs;
-    let Some(records) = records_to_write(basis, outputs, odd.has_records, means.signatures) else { return Ok(None) };
-    let standing = match records.is_empty() {
-        // The records in place are those of the run itself: nothing else is published.
-        true => None,
-        false => fs::read(outputs.path().join("manifest.json")).ok().and_then(|text| Standing::from_text(&text)),
+    let latest = || {
+        let text = odd.has_records.then(|| fs::read(outputs.path().join("manifest.json")).ok());
+        text.flatten().and_then(|text| Standing::from_text(&text))
     };
+    let (latest, records) = beside(latest, || records_to_write(basis, outputs, odd.has_records, means.signatures));
+    let Some(records) = records else { return Ok(None) };
+    // If the records in place are those of the run itself, nothing else is published.
+    let standing = latest.filter(|_| !records.is_empty());
     let Some(missing) = files_to_write(contents, odd, standing.as_ref(), means) else { return Ok(None) };
     let Some(surplus) = files_to_remove(basis, contents, standing.as_ref(), means) else { return Ok(None) };
 
@@ -76,12 +78,20 @@ fn records_to_write<'b>(
     has_odd: bool,
     signatures: &mut Signatures,
 ) -> Option<Vec<(&'b KnownRecord, Vec<u8>)>> {
-    let odd = basis.records.iter().filter(|record| has_odd && outputs.content_of(&record.name, signatures) != Some(record.digest));
-    let written = odd.map(|record| {
+    let mut to_write = Vec::new();
+    for record in basis.records.iter().filter(|_| has_odd) {
+        // Another length is another content, and records are long where a run has many jobs.
+        let is_as_long = outputs.signature(&record.name).is_some_and(|found| found.size() == record.content.size);
+        if is_as_long && outputs.content_of(&record.name, signatures) == Some(record.content.digest) {
+            continue;
+        }
         let bytes = fs::read(outputs.path().join(kept_record(&basis.run_id, record))).ok()?;
-        (Digest::of(&bytes) == record.digest).then_some((record, bytes))
-    });
-    written.collect()
+        if Digest::of(&bytes) != record.content.digest {
+            return None;
+        }
+        to_write.push((record, bytes));
+    }
+    Some(to_write)
 }
 
 /// The files whose bytes are not in place; `None` if a person has changed one.
