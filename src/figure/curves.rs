@@ -3,7 +3,7 @@
 //! A row whose x is empty holds for all x and becomes a level line; a row whose series column is empty becomes a
 //! curve of its own. A mean is never shown without the number of measurements it is made of.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::axis::{significant, unit_sign};
 use super::chart::{Axis, Chart, Curve, Guide, GuideAxis, Heat, IntervalLook, Look, Point, Scale};
@@ -110,6 +110,7 @@ pub fn chart(collection: &Collection, request: &Request) -> Result<Chart, CurveE
     if table.rows.is_empty() {
         return Err(CurveError::Empty);
     }
+    let request = &Request { names: with_names_of_files(&request.names, table.rows.iter().flatten()), ..request.clone() };
     let mut chart = match request.form {
         Form::Curve(look) => curve_chart(table, request, look)?,
         Form::Histogram => histogram(table, request)?,
@@ -124,6 +125,7 @@ pub fn chart(collection: &Collection, request: &Request) -> Result<Chart, CurveE
 /// A label is the column's name and the value; where the table has several rows, also what tells them apart in the columns before the
 /// first of these.
 pub fn guides(table: &Table, columns: &[String], axis: GuideAxis, names: &BTreeMap<String, String>) -> Result<Vec<Guide>, CurveError> {
+    let names = &with_names_of_files(names, table.rows.iter().flatten());
     let chosen = if columns.is_empty() {
         let is_numbers = |column: &usize| table.rows.iter().any(|row| matches!(row[*column], Cell::Number(_)));
         (0..table.columns.len()).filter(is_numbers).collect()
@@ -189,6 +191,32 @@ pub fn value_label(column: &Column, cell: &Cell, names: &BTreeMap<String, String
             Some(format!("{}\u{a0}=\u{a0}{}{}", column_label(column, names), text.replace('-', "−"), unit_sign(&column.unit)))
         }
     }
+}
+
+/// Adds to `names` one for each file among the values: as little of the end of its path as tells it from the other
+/// files, without the ending.
+pub fn with_names_of_files<'c>(names: &BTreeMap<String, String>, cells: impl Iterator<Item = &'c Cell>) -> BTreeMap<String, String> {
+    let path_of = |cell: &'c Cell| match cell {
+        Cell::Text(text) if is_file_path(text) && !names.contains_key(text) => Some(text.as_str()),
+        _ => None,
+    };
+    let paths: BTreeSet<&str> = cells.filter_map(path_of).collect();
+    let name_of = |path: &&str| {
+        let is_its_own = |tail: &&str| paths.iter().filter(|other| path_tails(other).any(|other| other == *tail)).count() == 1;
+        ((*path).to_owned(), path_tails(path).find(is_its_own).unwrap_or(path).to_owned())
+    };
+    names.clone().into_iter().chain(paths.iter().map(name_of)).collect()
+}
+
+/// Whether a text is folders and a file with an ending, not `on/off`.
+fn is_file_path(text: &str) -> bool {
+    text.rsplit_once('/').and_then(|(_, file)| file.rsplit_once('.')).is_some_and(|(stem, ending)| !stem.is_empty() && !ending.is_empty())
+}
+
+/// The file's name without its ending, then with one more folder at a time.
+fn path_tails(path: &str) -> impl Iterator<Item = &str> {
+    let bare = path.rsplit_once('.').map_or(path, |(bare, _)| bare);
+    bare.rmatch_indices('/').map(|(slash, _)| &bare[slash + 1..]).chain([bare])
 }
 
 /// Positions of the columns that a request names.
@@ -613,6 +641,17 @@ mod tests {
         tables.push(("floor", Vec::new(), one(0.01)));
         let parts: Vec<Part<'_>> = tables.iter().map(|(label, axes, table)| Part { label, axes, table }).collect();
         collect(&parts).unwrap()
+    }
+
+    #[test]
+    fn files_are_named_by_as_little_of_their_paths_as_tells_them_apart() {
+        let cell = |text: &str| Cell::Text(text.into());
+        let texts = ["../maps/grace.pfm", "studio.hdr", "on/off", "1k/noon.hdr", "2k/noon.hdr", "a/x.exr", "a/x.hdr", "maps/own.pfm", ".."];
+        let cells: Vec<Cell> = texts.map(cell).into();
+        let own = BTreeMap::from([("maps/own.pfm".to_owned(), "Own".to_owned())]);
+        let names = with_names_of_files(&own, cells.iter().chain(&cells));
+        let label = |text: &str| value_label(&Column::new("map", ""), &cell(text), &names).unwrap();
+        assert_eq!(texts.map(label), ["grace", "studio.hdr", "on/off", "1k/noon", "2k/noon", "a/x.exr", "a/x.hdr", "Own", ".."]);
     }
 
     fn swept() -> Request {

@@ -16,7 +16,7 @@ use crate::engine::job::Job;
 use crate::engine::parameter::{Accepts, Ports};
 use crate::engine::stage::{InputSizes, ResultDeclaration, Stage, StageError};
 use crate::figure::bitmap::Bitmap;
-use crate::figure::curves::value_label;
+use crate::figure::curves::{value_label, with_names_of_files};
 use crate::figure::sheet::{self, Sheet};
 use crate::figure::table::{Cell, Column};
 use crate::image::display;
@@ -60,7 +60,7 @@ pub struct Grid {
     /// Above the sheet; by default nothing.
     #[serde(default)]
     pub title: String,
-    /// Text for readers in place of names of axes and of values: `{ pdf-weighted: unbiased }`.
+    /// Text for readers in place of names of axes and of values: `{ pdf-weighted: unbiased }`. A file is named by the end of its path.
     #[serde(default)]
     pub names: BTreeMap<String, String>,
 }
@@ -129,7 +129,7 @@ const USUAL_WIDTH: usize = 512;
 
 impl Stage for Grid {
     const KIND: &'static str = "grid";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &[Picture::TYPE] }];
     type Output = Picture;
 
@@ -186,6 +186,8 @@ impl Grid {
         let column_axes = if self.rows.is_empty() && self.columns.is_empty() { &by_stage } else { &self.columns };
         self.check_axes(&tiles, column_axes)?;
         let (rows, columns) = (places(&tiles, &self.rows.0), places(&tiles, &column_axes.0));
+        let names = with_names_of_files(&self.names, rows.iter().chain(&columns).flatten());
+        let label = |axes: &Names, place: &[Cell]| label(axes, place, &names);
         let mut owners: Vec<Option<usize>> = vec![None; rows.len() * columns.len()];
         for (index, tile) in tiles.iter().enumerate() {
             let (row_place, column_place) = (tile.place(&self.rows.0), tile.place(&column_axes.0));
@@ -193,8 +195,7 @@ impl Grid {
                 for column in (0..columns.len()).filter(|column| agree(&column_place, &columns[*column])) {
                     let owner = &mut owners[row * columns.len() + column];
                     if let Some(first) = owner.replace(index) {
-                        let place =
-                            [(&self.rows, &rows[row]), (column_axes, &columns[column])].map(|(axes, place)| self.label(axes, place));
+                        let place = [(&self.rows, &rows[row]), (column_axes, &columns[column])].map(|(axes, place)| label(axes, place));
                         return Err(self.collision(place, &tiles[first], tile, column_axes));
                     }
                 }
@@ -202,8 +203,8 @@ impl Grid {
         }
         Ok(Sheet {
             title: self.title.clone(),
-            row_labels: rows.iter().map(|place| self.label(&self.rows, place)).collect(),
-            column_labels: columns.iter().map(|place| self.label(column_axes, place)).collect(),
+            row_labels: rows.iter().map(|place| label(&self.rows, place)).collect(),
+            column_labels: columns.iter().map(|place| label(column_axes, place)).collect(),
             cell_width: self.cell.map_or_else(|| tiles.iter().map(|tile| tile.bitmap.width).max().unwrap_or(1), |cell| cell.get() as usize),
             cells: owners.into_iter().map(|owner| owner.map(|index| tiles[index].bitmap.clone())).collect(),
             gap: self.gap as usize,
@@ -232,11 +233,6 @@ impl Grid {
         ))
     }
 
-    fn label(&self, axes: &Names, place: &[Cell]) -> String {
-        let values = axes.0.iter().zip(place).filter_map(|(axis, value)| value_label(&Column::new(axis, ""), value, &self.names));
-        values.collect::<Vec<_>>().join(", ")
-    }
-
     /// Two pictures for one cell: names what tells them apart and is used nowhere.
     fn collision(&self, place: [String; 2], first: &Tile, second: &Tile, column_axes: &Names) -> StageError {
         let is_used = |axis: &String| self.rows.0.contains(axis) || column_axes.0.contains(axis);
@@ -252,6 +248,12 @@ impl Grid {
             None => StageError::content(message),
         }
     }
+}
+
+/// What stands beside a row or above a column.
+fn label(axes: &Names, place: &[Cell], names: &BTreeMap<String, String>) -> String {
+    let values = axes.0.iter().zip(place).filter_map(|(axis, value)| value_label(&Column::new(axis, ""), value, names));
+    values.collect::<Vec<_>>().join(", ")
 }
 
 /// The places along these axes in order of appearance; one that holds for all others is none of its own.

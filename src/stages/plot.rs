@@ -100,7 +100,8 @@ pub struct Plot {
     /// First and last number of the y axis; by default what the data need.
     #[serde(default)]
     pub y_range: Option<[f64; 2]>,
-    /// Text for readers in place of names of columns and of values in the legend: `{ rs: perpendicular }`.
+    /// Text for readers in place of names of columns and of values in the legend: `{ rs: perpendicular }`. A file is named by the end of
+    /// its path.
     #[serde(default)]
     pub names: BTreeMap<String, String>,
     /// Width and height on paper in millimeters, 40 to 1000; PNG has 300 dots per inch. A long legend adds height. Default [120, 80].
@@ -261,7 +262,7 @@ impl JsonSchema for Fit {
 
 impl Stage for Plot {
     const KIND: &'static str = "plot";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const RESULTS: &'static [ResultDeclaration] = &[ResultDeclaration { name: "", types: &[Chart::TYPE] }];
     type Output = Chart;
 
