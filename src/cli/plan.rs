@@ -58,13 +58,19 @@ fn headline(pipeline: &str, jobs: &[JobEntry]) -> String {
 fn stage_lines(pipeline: &str, jobs: &[JobEntry]) -> String {
     let mut outcomes = Outcomes::default();
     jobs.iter().for_each(|job| outcomes.add_planned(job));
-    headline(pipeline, jobs) + &outcomes.text()
+    headline(pipeline, jobs) + &outcomes.text() + footnote(jobs)
 }
 
 fn job_lines(pipeline: &str, jobs: &[JobEntry]) -> String {
     let name = |job: &JobEntry| escape(&place_text(&job.stage, &job.coordinate));
     let lines = jobs.iter().map(|job| format!("{:5}  {}  {}\n", job.outcome.word(), name(job), escape(&job.reason)));
-    headline(pipeline, jobs) + &lines.collect::<String>()
+    headline(pipeline, jobs) + &lines.collect::<String>() + footnote(jobs)
+}
+
+/// What the one word means that does not explain itself.
+fn footnote(jobs: &[JobEntry]) -> &'static str {
+    let has_maybe = jobs.iter().any(|job| job.outcome == Outcome::Maybe);
+    if has_maybe { "maybe: a hit if the store has it for what it waits for, else run\n" } else { "" }
 }
 
 /// Boxes and arrows: a box per stage, or per job.
