@@ -201,10 +201,11 @@ pub fn with_names_of_files<'c>(names: &BTreeMap<String, String>, cells: impl Ite
         _ => None,
     };
     let paths: BTreeSet<&str> = cells.filter_map(path_of).collect();
-    let name_of = |path: &&str| {
-        let is_its_own = |tail: &&str| paths.iter().filter(|other| path_tails(other).any(|other| other == *tail)).count() == 1;
-        ((*path).to_owned(), path_tails(path).find(is_its_own).unwrap_or(path).to_owned())
-    };
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for tail in paths.iter().flat_map(|path| path_tails(path)) {
+        *counts.entry(tail).or_default() += 1;
+    }
+    let name_of = |path: &&str| ((*path).to_owned(), path_tails(path).find(|tail| counts[tail] == 1).unwrap_or(path).to_owned());
     names.clone().into_iter().chain(paths.iter().map(name_of)).collect()
 }
 

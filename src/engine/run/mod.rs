@@ -443,7 +443,7 @@ fn spec_entries(graph: &Graph) -> Vec<SpecEntry> {
 
 /// The records of a run are written, and something else was done on each of the two threads that wrote them.
 struct Written<M, R> {
-    /// Their digests, in the order of [`RECORDS`].
+    /// What is in them, in the order of [`RECORDS`].
     records: [Content; 2],
     beside_metadata: M,
     beside_record: R,
