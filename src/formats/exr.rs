@@ -690,6 +690,12 @@ mod tests {
     }
 
     #[test]
+    fn differences_of_b44_wrap_in_every_build() {
+        let image = image(include_bytes!("../../fuzz/seeds/exr/b44-wraps.exr"));
+        assert_eq!((image.color.width(), image.color.height()), (40, 4));
+    }
+
+    #[test]
     fn color_alpha_and_layers_come_back_as_they_went() {
         for (width, height) in [(1, 1), (33, 40), (64, 16)] {
             let original = layered(width, height);
