@@ -36,7 +36,7 @@ use super::store::folder::FolderStore;
 use super::store::index::Index;
 use super::store::library::Library;
 use super::store::tiers::Tiers;
-use super::system::{SystemError, let_go};
+use super::system::{SystemError, beside, let_go};
 use super::team::folder::{Assignment, RunFolder, plan_digest};
 use super::team::hand::Hand;
 use super::team::overseer::{Hiring, Overseer};
@@ -461,20 +461,22 @@ fn write_whole<M: Send, R>(
         outputs.write(&path, text.as_bytes())?;
     }
     // Both are long where there are many jobs.
-    std::thread::scope(|scope| {
-        let metadata = scope.spawn(move || {
-            let text = ro_crate::text(manifest);
-            outputs.write(&run_file(&manifest.run_id, kept_metadata), text.as_bytes())?;
-            outputs.write(metadata, text.as_bytes())?;
-            Ok((Content::of(text.as_bytes()), beside_metadata()))
-        });
+    let write_metadata = || {
+        let text = ro_crate::text(manifest);
+        outputs.write(&run_file(&manifest.run_id, kept_metadata), text.as_bytes())?;
+        outputs.write(metadata, text.as_bytes())?;
+        Ok((Content::of(text.as_bytes()), beside_metadata()))
+    };
+    let keep_record = || {
         let text = lines::text(manifest);
         outputs.write(&run_file(&manifest.run_id, kept_record), &text)?;
-        let beside_record = beside_record();
-        let (metadata, beside_metadata) = metadata.join().expect("no thread panics while it writes a crate")?;
-        outputs.write(record, &text)?;
-        Ok(Written { records: [Content::of(&text), metadata], beside_metadata, beside_record })
-    })
+        Ok((text, beside_record()))
+    };
+    let (metadata, kept) = beside(write_metadata, keep_record);
+    let ((text, beside_record), (metadata, beside_metadata)) = (kept?, metadata?);
+    // The manifest beside the files comes last: it says that they are all there.
+    outputs.write(record, &text)?;
+    Ok(Written { records: [Content::of(&text), metadata], beside_metadata, beside_record })
 }
 
 fn write_short(
