@@ -4,6 +4,7 @@ use std::fs;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use crate::engine::events::{Event, Listener, Silence};
 use crate::engine::manifest::{Manifest, ShortManifest, Status};
@@ -121,6 +122,24 @@ fn what_a_person_has_changed_is_for_the_plan_to_tell() {
 }
 
 #[test]
+fn what_changes_after_the_signatures_are_known_is_noticed() {
+    let space = space();
+    planned(&space, "one");
+    // Once the stamps are old enough, a run takes the signatures down; from then on nothing is read.
+    std::thread::sleep(Duration::from_millis(40));
+    assert!(by_memory(&space).is_some());
+    assert_eq!(by_memory(&space).unwrap().measured.files_written, 0);
+    let after_one = outputs(&space);
+
+    fs::remove_file(space.path("outputs/p/trunk.txt")).unwrap();
+    assert_eq!(by_memory(&space).unwrap().measured.files_written, 1);
+    assert_eq!(outputs(&space), after_one);
+    let bytes = fs::read(space.path("outputs/p/leaf.txt")).unwrap();
+    fs::write(space.path("outputs/p/leaf.txt"), vec![b'x'; bytes.len()]).unwrap();
+    assert!(by_memory(&space).is_none(), "a person's change is for the plan");
+}
+
+#[test]
 fn an_input_or_a_record_of_the_run_that_has_changed_is_noticed() {
     let space = space();
     let one = planned(&space, "one");
@@ -136,6 +155,9 @@ fn an_input_or_a_record_of_the_run_that_has_changed_is_noticed() {
     assert!(by_memory(&space).is_some());
     assert_eq!(fs::read(space.path("outputs/p/manifest.json")).unwrap(), manifest, "put back");
     assert!(space.path("outputs/p/ro-crate-metadata.json").exists());
+    fs::write(space.path("outputs/p/manifest.json"), " ".repeat(manifest.len())).unwrap();
+    assert!(by_memory(&space).is_some());
+    assert_eq!(fs::read(space.path("outputs/p/manifest.json")).unwrap(), manifest, "another of the same length is noticed too");
 
     fs::write(space.path(&format!("outputs/p/runs/{}/manifest.json", one.run_id)), "{}").unwrap();
     assert!(by_memory(&space).is_some(), "the copy is not needed while the other stands");
